@@ -1,0 +1,47 @@
+# The whole vocabulary. Every target does its own set-up on a machine with git, make, Python >= 3.11 and cargo.
+.PHONY: build demo test bench lint docs study clean
+.DEFAULT_GOAL := build
+
+UV := .tools/bin/uv
+export UV_PROJECT_ENVIRONMENT := .venv
+SYNC := $(UV) sync -q --all-extras
+PYTEST_ARGS ?=
+
+$(UV):
+	python3 -m pip install -q --disable-pip-version-check --target .tools uv
+
+build: $(UV)                ## .venv with the package installed in place
+	$(SYNC)
+
+demo: build                 ## the packaged mission: table, pictures, replay in uwcoop-demo/
+	.venv/bin/uwcoop demo -o uwcoop-demo
+
+test: $(UV)                 ## core tests, then the wheel built and installed, then pytest
+	cargo test --locked -q --profile checked -p uwcoop-core
+	$(SYNC) --no-editable
+	.venv/bin/python -m pytest $(PYTEST_ARGS)
+
+lint: $(UV)
+	$(SYNC)
+	cargo fmt --all --check
+	cargo clippy --locked -q --workspace --all-targets -- -D warnings
+	.venv/bin/ruff format --check .
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	.venv/bin/python -m mypy.stubtest uwcoop._native
+
+bench: $(UV)                ## criterion benches, then the side-by-side comparison with NumPy
+	$(SYNC) --group bench
+	cargo bench --locked -p uwcoop-benches
+	.venv/bin/python benches/python/side_by_side.py
+
+docs: $(UV)
+	$(SYNC) --group docs
+	.venv/bin/mkdocs build --strict
+
+study: build                ## the long tests and the studies behind docs/results.md
+	.venv/bin/python -m pytest -m long
+	.venv/bin/python docs/results.py
+
+clean:
+	rm -rf target .venv dist site uwcoop-demo

@@ -1,0 +1,288 @@
+//! Particles in columns with log-weights: moments, effective sample size, resampling, regularisation.
+
+use serde::{Deserialize, Serialize};
+
+use crate::kernels::likelihood::{RangeBelief, range_eq17};
+use crate::kernels::particles::{cholesky_2x2, gather, liu_west, liu_west_bandwidth, roughen};
+use crate::kernels::weights::{self, moments, weighted_mean};
+use crate::noise::Stream;
+
+/// N particles: position, K linear states with a mean each, a datum offset with its own variance each.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Cloud<const K: usize> {
+    /// Easting, m.
+    pub east: Vec<f64>,
+    /// Northing, m.
+    pub north: Vec<f64>,
+    /// Means of the linear states.
+    #[serde(with = "columns")]
+    pub linear: [Vec<f64>; K],
+    /// Datum offset, m; positive = deeper than the chart.
+    pub offset: Vec<f64>,
+    /// Its variance, m².
+    pub offset_variance: Vec<f64>,
+    log_weights: Vec<f64>,
+    weights: Vec<f64>,
+    ess: f64,
+    #[serde(skip)]
+    scratch: Scratch,
+}
+
+/// Memory that is reused from step to step and carries no state.
+#[derive(Debug, Clone, Default)]
+pub struct Scratch {
+    /// Two columns of normals, or any other columns.
+    pub a: Vec<f64>,
+    /// See `a`.
+    pub b: Vec<f64>,
+    more: [Vec<f64>; 6],
+    column: Vec<f64>,
+    cdf: Vec<f64>,
+    counts: Vec<u32>,
+    ancestors: Vec<u32>,
+}
+
+impl Scratch {
+    fn fit(&mut self, n: usize) {
+        for column in [&mut self.a, &mut self.b, &mut self.column, &mut self.cdf] {
+            column.resize(n, 0.0);
+        }
+        self.more.iter_mut().for_each(|c| c.resize(n, 0.0));
+        self.counts.resize(n, 0);
+        self.ancestors.resize(n, 0);
+    }
+}
+
+impl<const K: usize> Cloud<K> {
+    /// `count` particles at the origin with equal weights.
+    #[must_use]
+    pub fn new(count: usize) -> Self {
+        let mut cloud = Self {
+            east: vec![0.0; count],
+            north: vec![0.0; count],
+            linear: std::array::from_fn(|_| vec![0.0; count]),
+            offset: vec![0.0; count],
+            offset_variance: vec![0.0; count],
+            log_weights: vec![0.0; count],
+            weights: vec![0.0; count],
+            ess: count as f64,
+            scratch: Scratch::default(),
+        };
+        cloud.equalise();
+        cloud
+    }
+
+    /// Number of particles.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.east.len()
+    }
+
+    /// True for a cloud without particles.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.east.is_empty()
+    }
+
+    /// Normalised weights.
+    #[must_use]
+    pub fn weights(&self) -> &[f64] {
+        &self.weights
+    }
+
+    /// Effective sample size (13).
+    #[must_use]
+    pub fn ess(&self) -> f64 {
+        self.ess
+    }
+
+    /// Equal weights.
+    pub fn equalise(&mut self) {
+        let n = self.len();
+        self.weights.fill(1.0 / n as f64);
+        self.log_weights.fill(-(n as f64).ln());
+        self.ess = n as f64;
+    }
+
+    /// Scratch columns of the cloud's length.
+    pub fn scratch(&mut self) -> &mut Scratch {
+        self.scratch.fit(self.east.len());
+        &mut self.scratch
+    }
+
+    /// Position and linear columns together with two columns of normals in scratch, for propagation.
+    #[allow(clippy::type_complexity)]
+    pub fn with_normals(
+        &mut self,
+        stream: &Stream,
+    ) -> (&mut [f64], &mut [f64], &mut [Vec<f64>; K], &[f64], &[f64]) {
+        self.scratch.fit(self.east.len());
+        stream.normal_pairs(0, &mut self.scratch.a, &mut self.scratch.b);
+        (&mut self.east, &mut self.north, &mut self.linear, &self.scratch.a, &self.scratch.b)
+    }
+
+    /// Positions and a zeroed scratch column for log-likelihoods, to be handed to [`Cloud::reweight`].
+    pub fn likelihood_column(&mut self) -> Vec<f64> {
+        self.scratch.fit(self.east.len());
+        let mut column = std::mem::take(&mut self.scratch.column);
+        column.fill(0.0);
+        column
+    }
+
+    /// Multiplies the weights by exp(log-likelihood) and normalises; takes the scratch column back.
+    ///
+    /// False, and weights as they were, if no particle has a finite likelihood.
+    pub fn reweight(&mut self, log_likelihood: Vec<f64>) -> bool {
+        self.scratch.column = log_likelihood;
+        let added = &mut self.scratch.column;
+        if !added.iter().any(|l| l.is_finite()) {
+            return false;
+        }
+        for (l, w) in added.iter_mut().zip(&self.log_weights) {
+            *l += w;
+        }
+        match weights::normalise(added, &mut self.weights) {
+            Some((_, squares)) => {
+                std::mem::swap(added, &mut self.log_weights);
+                self.ess = 1.0 / squares;
+                true
+            }
+            None => false,
+        }
+    }
+
+    /// Fills `out` with the paper's range likelihood (17) against `samples` draws of a belief.
+    pub fn belief_likelihood(
+        &mut self,
+        belief: &RangeBelief,
+        samples: usize,
+        stream: &Stream,
+        out: &mut [f64],
+    ) {
+        let [east, north, weight, ..] = &mut self.scratch.more;
+        for column in [&mut *east, &mut *north, &mut *weight] {
+            column.resize(samples, 0.0);
+        }
+        stream.normal_pairs(0, east, north);
+        weight.fill(1.0);
+        let [l11, l21, l22] = cholesky_2x2(belief.covariance_m2);
+        for (e, n) in east.iter_mut().zip(&mut *north) {
+            let (a, b) = (*e, *n);
+            *e = belief.mean_m[0] + l11 * a;
+            *n = belief.mean_m[1] + l21 * a + l22 * b;
+        }
+        range_eq17(belief.range_m, east, north, weight, &self.east, &self.north, out);
+    }
+
+    /// Mean (10) and covariance (11) of the position.
+    #[must_use]
+    pub fn position_moments(&self) -> ([f64; 2], [f64; 3]) {
+        moments(&self.weights, &self.east, &self.north)
+    }
+
+    /// Mean of the linear states.
+    #[must_use]
+    pub fn linear_mean(&self) -> [f64; K] {
+        std::array::from_fn(|k| weighted_mean(&self.weights, &self.linear[k]))
+    }
+
+    /// Residual resampling; all columns follow their particle, weights become equal. Returns (ancestors, counts).
+    pub fn resample(&mut self, stream: &Stream) {
+        let n = self.len();
+        self.scratch.fit(n);
+        let s = &mut self.scratch;
+        stream.uniforms(0, &mut s.a);
+        weights::residual_resample(&self.weights, &s.a, &mut s.cdf, &mut s.counts, &mut s.ancestors);
+        for column in [&mut self.east, &mut self.north, &mut self.offset, &mut self.offset_variance]
+            .into_iter()
+            .chain(&mut self.linear)
+        {
+            gather(column, &mut s.column, &s.ancestors);
+        }
+        self.equalise();
+    }
+
+    /// The paper's roughening of the particles that the last [`Cloud::resample`] copied more than once.
+    pub fn roughen(&mut self, variance_m2: f64, stream: &Stream) {
+        self.scratch.fit(self.east.len());
+        let s = &mut self.scratch;
+        stream.normal_pairs(0, &mut s.a, &mut s.b);
+        roughen(&mut self.east, &mut self.north, &s.ancestors, &s.counts, variance_m2, &s.a, &s.b);
+    }
+
+    /// Liu–West on the joint [east, north, offset, linear…] of an equally weighted cloud.
+    pub fn liu_west(&mut self, stream: &Stream) {
+        let n = self.len();
+        self.scratch.fit(n);
+        let h = liu_west_bandwidth(n);
+        let [n0, n1, n2, n3, n4, n5] = &mut self.scratch.more;
+        stream.normal_pairs(0, n0, n1);
+        stream.normal_pairs(1, n2, n3);
+        stream.normal_pairs(2, n4, n5);
+        stream.normal_pairs(3, &mut self.scratch.a, &mut self.scratch.b);
+        let extra = &self.scratch.a;
+        let (e, nn, b) = (&mut self.east[..], &mut self.north[..], &mut self.offset[..]);
+        match self.linear.as_mut_slice() {
+            [c0, c1] => liu_west(&mut [e, nn, b, c0, c1], h, &[n0, n1, n2, n3, n4]),
+            [c0, c1, c2, c3] => {
+                liu_west(&mut [e, nn, b, c0, c1, c2, c3], h, &[n0, n1, n2, n3, n4, n5, extra]);
+            }
+            _ => {}
+        }
+    }
+
+    /// Draws positions uniformly in the ellipse whose covariance is given: a disc of radius r for r²/4 per axis.
+    pub fn scatter_disc(&mut self, mean_m: [f64; 2], covariance_m2: [f64; 3], stream: &Stream) {
+        self.scratch.fit(self.east.len());
+        let s = &mut self.scratch;
+        stream.uniforms(0, &mut s.a);
+        stream.uniforms(1, &mut s.b);
+        let [l11, l21, l22] = cholesky_2x2(covariance_m2);
+        for i in 0..self.east.len() {
+            let radius = 2.0 * s.a[i].sqrt();
+            let (sin, cos) = (std::f64::consts::TAU * s.b[i]).sin_cos();
+            self.east[i] = mean_m[0] + l11 * radius * cos;
+            self.north[i] = mean_m[1] + l21 * radius * cos + l22 * radius * sin;
+        }
+        self.equalise();
+    }
+
+    /// Adds independent normals: `position_m` to positions, `linear[k]` to the linear states.
+    pub fn spread(&mut self, position_m: f64, linear: [f64; K], stream: &Stream) {
+        self.scratch.fit(self.east.len());
+        let s = &mut self.scratch;
+        stream.normal_pairs(0, &mut s.a, &mut s.b);
+        for i in 0..self.east.len() {
+            self.east[i] += position_m * s.a[i];
+            self.north[i] += position_m * s.b[i];
+        }
+        for (k, pair) in self.linear.chunks_mut(2).enumerate() {
+            stream.normal_pairs(k as u32 + 1, &mut s.a, &mut s.b);
+            for (j, (column, normals)) in pair.iter_mut().zip([&s.a, &s.b]).enumerate() {
+                let sigma = linear[2 * k + j];
+                column.iter_mut().zip(normals).for_each(|(c, z)| *c += sigma * z);
+            }
+        }
+    }
+}
+
+/// serde for `[Vec<f64>; K]`, which the derive does not cover for a generic K.
+mod columns {
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
+
+    pub fn serialize<S: Serializer, const K: usize>(
+        columns: &[Vec<f64>; K],
+        serializer: S,
+    ) -> Result<S::Ok, S::Error> {
+        columns.as_slice().serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>, const K: usize>(
+        deserializer: D,
+    ) -> Result<[Vec<f64>; K], D::Error> {
+        let columns = Vec::<Vec<f64>>::deserialize(deserializer)?;
+        columns.try_into().map_err(|c: Vec<_>| {
+            D::Error::custom(format!("{} linear columns where {K} are expected", c.len()))
+        })
+    }
+}

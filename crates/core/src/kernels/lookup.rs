@@ -1,0 +1,409 @@
+//! Bilinear lookups: one point on the exact path, whole rigid patterns on the fast one.
+
+/// A node value: charts hold f32, golden cases f64.
+pub trait Node: Copy {
+    /// The value as f64.
+    fn get(self) -> f64;
+}
+
+impl Node for f32 {
+    #[inline(always)]
+    fn get(self) -> f64 {
+        f64::from(self)
+    }
+}
+
+impl Node for f64 {
+    #[inline(always)]
+    fn get(self) -> f64 {
+        self
+    }
+}
+
+/// A borrowed row-major grid, southernmost row first.
+#[derive(Debug, Clone, Copy)]
+pub struct Grid<'a, T> {
+    /// `rows · cols` values; NaN is a hole.
+    pub values: &'a [T],
+    /// Nodes from south to north.
+    pub rows: usize,
+    /// Nodes from west to east.
+    pub cols: usize,
+    /// Easting of column 0, m.
+    pub east0_m: f64,
+    /// Northing of row 0, m.
+    pub north0_m: f64,
+    /// Distance between nodes, m.
+    pub cell_m: f64,
+}
+
+struct Corners {
+    nodes: [f64; 4], // south-west, south-east, north-west, north-east
+    fe: f64,
+    fn_: f64,
+}
+
+impl<T: Node> Grid<'_, T> {
+    /// The cell around a point, or none off the grid; the last node belongs to the last cell.
+    #[inline(always)]
+    fn corners(&self, east_m: f64, north_m: f64) -> Option<Corners> {
+        let x = (east_m - self.east0_m) / self.cell_m;
+        let y = (north_m - self.north0_m) / self.cell_m;
+        if !(x >= 0.0 && y >= 0.0 && x <= (self.cols - 1) as f64 && y <= (self.rows - 1) as f64) {
+            return None;
+        }
+        let column = (x as usize).min(self.cols - 2);
+        let row = (y as usize).min(self.rows - 2);
+        let at = row * self.cols + column;
+        let south = self.values.get(at..at + 2)?;
+        let north = self.values.get(at + self.cols..at + self.cols + 2)?;
+        Some(Corners {
+            nodes: [south[0].get(), south[1].get(), north[0].get(), north[1].get()],
+            fe: x - column as f64,
+            fn_: y - row as f64,
+        })
+    }
+}
+
+/// Depth at a point, NaN off the grid or where one of the four nodes around it is a hole. Exact f64 path.
+#[inline(always)]
+#[must_use]
+pub fn bilinear<T: Node>(grid: &Grid<'_, T>, east_m: f64, north_m: f64) -> f64 {
+    let Some(Corners { nodes: [sw, se, nw, ne], fe, fn_ }) = grid.corners(east_m, north_m) else {
+        return f64::NAN;
+    };
+    (1.0 - fn_) * ((1.0 - fe) * sw + fe * se) + fn_ * ((1.0 - fe) * nw + fe * ne)
+}
+
+/// ∂depth/∂(east, north) of the bilinear surface; NaN where there is no depth.
+#[must_use]
+pub fn gradient<T: Node>(grid: &Grid<'_, T>, east_m: f64, north_m: f64) -> [f64; 2] {
+    let Some(Corners { nodes: [sw, se, nw, ne], fe, fn_ }) = grid.corners(east_m, north_m) else {
+        return [f64::NAN; 2];
+    };
+    [
+        ((1.0 - fn_) * (se - sw) + fn_ * (ne - nw)) / grid.cell_m,
+        ((1.0 - fe) * (nw - sw) + fe * (ne - se)) / grid.cell_m,
+    ]
+}
+
+/// One point of a rigid pattern: whole cells and the fraction that is left.
+#[derive(Debug, Clone, Copy)]
+pub struct PatternPoint {
+    shift: i32,
+    fe: f32,
+    fn_: f32,
+}
+
+/// A rigid pattern of offsets, split for one grid: the cell and fraction of a particle are found once, and each point is
+/// an integer shift with a carry.
+#[derive(Debug, Clone, Default)]
+pub struct Pattern {
+    points: Vec<PatternPoint>,
+    /// Bounds of the offsets, m: west, south, east, north.
+    reach_m: [f64; 4],
+}
+
+impl Pattern {
+    /// Splits `offsets` (east, north; m) for grids of this geometry, reusing the memory.
+    pub fn set<T>(&mut self, grid: &Grid<'_, T>, offsets: impl Iterator<Item = [f64; 2]>) {
+        self.points.clear();
+        self.reach_m = [0.0; 4];
+        for [e, n] in offsets {
+            let (x, y) = (e / grid.cell_m, n / grid.cell_m);
+            let (column, row) = (x.floor(), y.floor());
+            self.points.push(PatternPoint {
+                shift: row as i32 * grid.cols as i32 + column as i32,
+                fe: (x - column) as f32,
+                fn_: (y - row) as f32,
+            });
+            let [w, s, east, north] = self.reach_m;
+            self.reach_m = [w.min(e), s.min(n), east.max(e), north.max(n)];
+        }
+    }
+
+    /// Number of points.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// True if there are no points.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// True if every point of the pattern stays on the grid, a cell away from its edge, for positions in these bounds.
+    #[must_use]
+    pub fn fits<T>(&self, grid: &Grid<'_, T>, min_m: [f64; 2], max_m: [f64; 2]) -> bool {
+        let margin = 2.0 * grid.cell_m;
+        let [west, south, east, north] = self.reach_m;
+        min_m[0] + west >= grid.east0_m + margin
+            && min_m[1] + south >= grid.north0_m + margin
+            && max_m[0] + east <= grid.east0_m + (grid.cols - 1) as f64 * grid.cell_m - margin
+            && max_m[1] + north <= grid.north0_m + (grid.rows - 1) as f64 * grid.cell_m - margin
+    }
+}
+
+const LANES: usize = 16;
+
+/// Cells and fractions of up to `LANES` particles.
+struct Cells {
+    index: [i32; LANES],
+    fe: [f32; LANES],
+    fn_: [f32; LANES],
+}
+
+/// f64 → integer through the rounding trick (vectorises); `value` must be within ±2^31.
+#[inline(always)]
+fn floor_split(value: f64) -> (i32, f64) {
+    const ROUND: f64 = 6_755_399_441_055_744.0;
+    let floor = value.floor();
+    ((floor + ROUND).to_bits() as i32, value - floor)
+}
+
+#[inline(always)]
+fn cells(grid: &Grid<'_, f32>, east_m: &[f64], north_m: &[f64]) -> Cells {
+    let mut c = Cells { index: [0; LANES], fe: [0.0; LANES], fn_: [0.0; LANES] };
+    let inverse = 1.0 / grid.cell_m;
+    let n = east_m.len().min(LANES);
+    for l in 0..n {
+        let (column, fe) = floor_split((east_m[l] - grid.east0_m) * inverse);
+        let (row, fn_) = floor_split((north_m[l] - grid.north0_m) * inverse);
+        c.index[l] = row.wrapping_mul(grid.cols as i32).wrapping_add(column);
+        c.fe[l] = fe as f32;
+        c.fn_[l] = fn_ as f32;
+    }
+    // Unused lanes repeat the first particle: they read what is known to be on the grid.
+    for l in n..LANES {
+        (c.index[l], c.fe[l], c.fn_[l]) = (c.index[0], c.fe[0], c.fn_[0]);
+    }
+    c
+}
+
+/// Depths of one pattern point for a block of particles, f32.
+///
+/// # Safety
+/// Each particle's pattern point must lie on the grid at least one cell away from its edge ([`Pattern::fits`]).
+#[inline(always)]
+unsafe fn point_depths(grid: &Grid<'_, f32>, cells: &Cells, point: PatternPoint) -> [f32; LANES] {
+    let mut out = [0.0f32; LANES];
+    let cols = grid.cols as i32;
+    for l in 0..LANES {
+        let (fe, fn_) = (cells.fe[l] + point.fe, cells.fn_[l] + point.fn_);
+        let (carry_e, carry_n) = (fe >= 1.0, fn_ >= 1.0);
+        let fe = if carry_e { fe - 1.0 } else { fe };
+        let fn_ = if carry_n { fn_ - 1.0 } else { fn_ };
+        let index =
+            cells.index[l] + point.shift + if carry_e { 1 } else { 0 } + if carry_n { cols } else { 0 };
+        let at = index as usize;
+        debug_assert!(index >= 0 && at + grid.cols + 1 < grid.values.len());
+        // SAFETY: the caller's promise; the four nodes of a cell that is inside the grid.
+        let (sw, se, nw, ne) = unsafe {
+            (
+                *grid.values.get_unchecked(at),
+                *grid.values.get_unchecked(at + 1),
+                *grid.values.get_unchecked(at + grid.cols),
+                *grid.values.get_unchecked(at + grid.cols + 1),
+            )
+        };
+        let south = sw + fe * (se - sw);
+        let north = nw + fe * (ne - nw);
+        out[l] = south + fn_ * (north - south);
+    }
+    out
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use super::{Cells, Grid, LANES, PatternPoint};
+    use std::arch::x86_64::*;
+
+    /// As `point_depths`, eight particles at a time: two 8-byte gathers for each pair of rows.
+    ///
+    /// # Safety
+    /// The processor has AVX2, and the promise of `point_depths`.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    pub(super) unsafe fn point_depths(
+        grid: &Grid<'_, f32>,
+        cells: &Cells,
+        point: PatternPoint,
+    ) -> [f32; LANES] {
+        let mut out = [0.0f32; LANES];
+        let one = _mm256_set1_ps(1.0);
+        let cols = _mm256_set1_epi32(grid.cols as i32);
+        let base = grid.values.as_ptr();
+        for half in 0..LANES / 8 {
+            let o = half * 8;
+            // SAFETY: loads and stores stay inside the arrays of LANES entries; gathers by the caller's promise.
+            unsafe {
+                let fe = _mm256_add_ps(_mm256_loadu_ps(cells.fe.as_ptr().add(o)), _mm256_set1_ps(point.fe));
+                let fn_ =
+                    _mm256_add_ps(_mm256_loadu_ps(cells.fn_.as_ptr().add(o)), _mm256_set1_ps(point.fn_));
+                let carry_e = _mm256_cmp_ps::<_CMP_GE_OQ>(fe, one);
+                let carry_n = _mm256_cmp_ps::<_CMP_GE_OQ>(fn_, one);
+                let fe = _mm256_sub_ps(fe, _mm256_and_ps(carry_e, one));
+                let fn_ = _mm256_sub_ps(fn_, _mm256_and_ps(carry_n, one));
+                let index = _mm256_loadu_si256(cells.index.as_ptr().add(o).cast());
+                let index = _mm256_add_epi32(index, _mm256_set1_epi32(point.shift));
+                let index = _mm256_sub_epi32(index, _mm256_castps_si256(carry_e));
+                let index = _mm256_add_epi32(index, _mm256_and_si256(_mm256_castps_si256(carry_n), cols));
+                let (low, high) = (_mm256_castsi256_si128(index), _mm256_extracti128_si256::<1>(index));
+                let row = |rows: i32| {
+                    let start = base.add(rows as usize * grid.cols);
+                    let a = _mm256_castsi256_ps(_mm256_i32gather_epi64::<4>(start.cast(), low));
+                    let b = _mm256_castsi256_ps(_mm256_i32gather_epi64::<4>(start.cast(), high));
+                    // a = w0 e0 w1 e1 | w2 e2 w3 e3: split wests from easts, then mend the order of the 64-bit quarters.
+                    let west = _mm256_shuffle_ps::<0b10_00_10_00>(a, b);
+                    let east = _mm256_shuffle_ps::<0b11_01_11_01>(a, b);
+                    let mend =
+                        |v| _mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(_mm256_castps_pd(v)));
+                    let (west, east) = (mend(west), mend(east));
+                    _mm256_add_ps(west, _mm256_mul_ps(fe, _mm256_sub_ps(east, west)))
+                };
+                let (south, north) = (row(0), row(1));
+                let depth = _mm256_add_ps(south, _mm256_mul_ps(fn_, _mm256_sub_ps(north, south)));
+                _mm256_storeu_ps(out.as_mut_ptr().add(o), depth);
+            }
+        }
+        out
+    }
+}
+
+/// Depths of every pattern point of every particle, handed over in blocks: `sink(first, count, point, depths)`.
+///
+/// The pattern must fit ([`Pattern::fits`]) for the bounds of the positions; this is checked.
+///
+/// Returns false, and calls nothing, where it does not.
+pub fn pattern_depths(
+    grid: &Grid<'_, f32>,
+    pattern: &Pattern,
+    east_m: &[f64],
+    north_m: &[f64],
+    mut sink: impl FnMut(usize, usize, usize, &[f32; 16]),
+) -> bool {
+    let n = east_m.len().min(north_m.len());
+    let Some((min, max)) = bounds(&east_m[..n], &north_m[..n]) else { return false };
+    if grid.values.len() != grid.rows * grid.cols || !pattern.fits(grid, min, max) {
+        return false;
+    }
+    #[cfg(target_arch = "x86_64")]
+    let fast = std::arch::is_x86_feature_detected!("avx2");
+    let mut first = 0;
+    while first < n {
+        let count = LANES.min(n - first);
+        let cells = cells(grid, &east_m[first..first + count], &north_m[first..first + count]);
+        for (k, point) in pattern.points.iter().enumerate() {
+            // SAFETY: `fits` holds for the bounds of all positions, so every cell is on the grid with a margin of two
+            // cells (rounding of offsets and fractions moves a point by far less); AVX2 was detected.
+            let depths = unsafe {
+                #[cfg(target_arch = "x86_64")]
+                if fast {
+                    avx2::point_depths(grid, &cells, *point)
+                } else {
+                    point_depths(grid, &cells, *point)
+                }
+                #[cfg(not(target_arch = "x86_64"))]
+                point_depths(grid, &cells, *point)
+            };
+            sink(first, count, k, &depths);
+        }
+        first += count;
+    }
+    true
+}
+
+super::dispatch! {
+    /// Bounds of positions, m: ((west, south), (east, north)); `None` for no positions or one that is not finite.
+    pub fn bounds(east_m: &[f64], north_m: &[f64]) -> Option<([f64; 2], [f64; 2])> {
+        let mut low = [f64::INFINITY; 2];
+        let mut high = [f64::NEG_INFINITY; 2];
+        let mut finite = true;
+        for (&e, &n) in east_m.iter().zip(north_m) {
+            low[0] = if e < low[0] { e } else { low[0] };
+            high[0] = if e > high[0] { e } else { high[0] };
+            low[1] = if n < low[1] { n } else { low[1] };
+            high[1] = if n > high[1] { n } else { high[1] };
+            finite &= e.abs() + n.abs() < 1e15;
+        }
+        (finite && !east_m.is_empty()).then_some((low, high))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn wavy(rows: usize, cols: usize) -> Vec<f32> {
+        (0..rows * cols)
+            .map(|i| {
+                let (r, c) = ((i / cols) as f32, (i % cols) as f32);
+                15.0 + 6.0 * (0.11 * r).sin() + 5.0 * (0.07 * c + 0.05 * r).cos()
+            })
+            .collect()
+    }
+
+    proptest! {
+        #[test]
+        fn patterns_meet_single_lookups(
+            seeds in prop::collection::vec((20.0..80.0f64, 20.0..60.0f64), 1..70),
+            offsets in prop::collection::vec((-15.0..15.0f64, -15.0..15.0f64), 1..16),
+            cell in prop_oneof![Just(1.0f64), Just(0.7), Just(2.5)],
+        ) {
+            let (rows, cols) = (90, 110);
+            let values = wavy(rows, cols);
+            let grid = Grid { values: &values, rows, cols, east0_m: 3500.0, north0_m: -1200.0, cell_m: cell };
+            let east: Vec<f64> = seeds.iter().map(|s| 3500.0 + cell * s.0).collect();
+            let north: Vec<f64> = seeds.iter().map(|s| -1200.0 + cell * s.1).collect();
+            let mut pattern = Pattern::default();
+            pattern.set(&grid, offsets.iter().map(|o| [cell * o.0, cell * o.1]));
+            let mut got = vec![f32::NAN; seeds.len() * offsets.len()];
+            let inside = pattern_depths(&grid, &pattern, &east, &north, |first, count, k, d| {
+                for l in 0..count {
+                    got[(first + l) * offsets.len() + k] = d[l];
+                }
+            });
+            prop_assert!(inside);
+            for (i, (e, n)) in east.iter().zip(&north).enumerate() {
+                for (k, o) in offsets.iter().enumerate() {
+                    let exact = bilinear(&grid, e + cell * o.0, n + cell * o.1);
+                    prop_assert!((f64::from(got[i * offsets.len() + k]) - exact).abs() < 3e-4);
+                }
+            }
+            // The variants agree bit for bit.
+            let c = cells(&grid, &east[..east.len().min(16)], &north[..north.len().min(16)]);
+            #[cfg(target_arch = "x86_64")]
+            if std::arch::is_x86_feature_detected!("avx2") {
+                for p in &pattern.points {
+                    let (a, b) = unsafe { (point_depths(&grid, &c, *p), avx2::point_depths(&grid, &c, *p)) };
+                    prop_assert_eq!(a.map(f32::to_bits), b.map(f32::to_bits));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_edge_is_on_the_chart_and_a_step_beyond_is_not() {
+        let values = wavy(5, 4);
+        let grid = Grid { values: &values, rows: 5, cols: 4, east0_m: 10.0, north0_m: 20.0, cell_m: 2.0 };
+        assert_eq!(bilinear(&grid, 10.0, 20.0), f64::from(values[0]));
+        assert_eq!(bilinear(&grid, 16.0, 28.0), f64::from(values[19]));
+        for (e, n) in [(9.999, 20.0), (16.001, 20.0), (10.0, 19.999), (10.0, 28.001), (f64::NAN, 20.0)] {
+            assert!(bilinear(&grid, e, n).is_nan());
+        }
+    }
+
+    #[test]
+    fn a_pattern_that_reaches_over_the_edge_is_refused() {
+        let values = wavy(20, 20);
+        let grid = Grid { values: &values, rows: 20, cols: 20, east0_m: 0.0, north0_m: 0.0, cell_m: 1.0 };
+        let mut pattern = Pattern::default();
+        pattern.set(&grid, [[0.0, 0.0], [-6.0, 0.0]].into_iter());
+        assert!(!pattern_depths(&grid, &pattern, &[7.0], &[10.0], |_, _, _, _| panic!("no lookup")));
+        assert!(!pattern_depths(&grid, &pattern, &[f64::NAN], &[10.0], |_, _, _, _| panic!("no lookup")));
+        assert!(pattern_depths(&grid, &pattern, &[9.0], &[10.0], |_, _, _, _| ()));
+    }
+}

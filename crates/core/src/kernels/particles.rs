@@ -1,0 +1,184 @@
+//! Propagation of particles with their marginalised Kalman states, roughening, Liu–West jitter, gathering.
+
+use nalgebra::{Matrix2, SMatrix};
+
+use super::dispatch;
+
+/// Most Kalman states that a particle carries: current (2), compass bias, thrust bias.
+pub const MAX_LINEAR: usize = 4;
+
+/// One propagation step, everything that is common to all particles.
+///
+/// With F the 2 × K map from linear states to displacement and S = F P Fᵀ + Q (5)–(8): `root` = chol(S) (lower),
+/// `gain` = P Fᵀ S⁻¹, `map` = F.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step<const K: usize> {
+    /// Commanded displacement, m.
+    pub displacement_m: [f64; 2],
+    /// F.
+    pub map: [[f64; K]; 2],
+    /// Lower Cholesky factor [l11, l21, l22] of S.
+    pub root: [f64; 3],
+    /// P Fᵀ S⁻¹, K rows.
+    pub gain: [[f64; 2]; K],
+}
+
+/// Lower Cholesky factor [l11, l21, l22] of a symmetric positive semi-definite 2 × 2 matrix [xx, xy, yy].
+#[must_use]
+pub fn cholesky_2x2([xx, xy, yy]: [f64; 3]) -> [f64; 3] {
+    let l11 = xx.max(0.0).sqrt();
+    let l21 = if l11 > 0.0 { xy / l11 } else { 0.0 };
+    [l11, l21, (yy - l21 * l21).max(0.0).sqrt()]
+}
+
+/// F for K = 2 (current) or K = 4 (current, compass bias, thrust bias): Δt[I₂, (u_n, −u_e)ᵀ, u/|u|].
+#[must_use]
+pub fn displacement_map<const K: usize>(velocity_mps: [f64; 2], dt_s: f64) -> [[f64; K]; 2] {
+    let mut map = [[0.0; K]; 2];
+    map[0][0] = dt_s;
+    map[1][1] = dt_s;
+    if K == MAX_LINEAR {
+        let [ue, un] = velocity_mps;
+        let speed = ue.hypot(un);
+        map[0][2] = dt_s * un;
+        map[1][2] = -dt_s * ue;
+        if speed > 0.0 {
+            map[0][3] = dt_s * ue / speed;
+            map[1][3] = dt_s * un / speed;
+        }
+    }
+    map
+}
+
+/// Prepares a step and advances the shared covariance: P ← P − P Fᵀ S⁻¹ F P + Q_kf (8).
+///
+/// `q_position` is Q_pf over the step [ee, en, nn], m²; `q_linear` is Q_kf over the step.
+#[must_use]
+pub fn prepare_step<const K: usize>(
+    covariance: &mut SMatrix<f64, K, K>,
+    velocity_mps: [f64; 2],
+    dt_s: f64,
+    q_position: [f64; 3],
+    q_linear: &SMatrix<f64, K, K>,
+) -> Step<K> {
+    let map = displacement_map::<K>(velocity_mps, dt_s);
+    let f = SMatrix::<f64, 2, K>::from_fn(|r, c| map[r][c]);
+    let cross: SMatrix<f64, K, 2> = *covariance * f.transpose();
+    let s: Matrix2<f64> =
+        f * cross + Matrix2::new(q_position[0], q_position[1], q_position[1], q_position[2]);
+    // Without noise and without uncertainty nothing is learnt from a displacement.
+    let gain = s.try_inverse().map_or_else(SMatrix::<f64, K, 2>::zeros, |inverse| cross * inverse);
+    let updated = *covariance - gain * cross.transpose() + q_linear;
+    *covariance = (updated + updated.transpose()) * 0.5;
+    let mut rows = [[0.0; 2]; K];
+    for (k, row) in rows.iter_mut().enumerate() {
+        *row = [gain[(k, 0)], gain[(k, 1)]];
+    }
+    Step {
+        displacement_m: [velocity_mps[0] * dt_s, velocity_mps[1] * dt_s],
+        map,
+        root: cholesky_2x2([s[(0, 0)], s[(0, 1)], s[(1, 1)]]),
+        gain: rows,
+    }
+}
+
+dispatch! {
+    /// p += F c + u Δt + ζ, c += P Fᵀ S⁻¹ ζ with ζ = chol(S) n, n the normals `a`, `b` (5)–(8).
+    pub fn propagate<const K: usize>(
+        step: &Step<K>,
+        east: &mut [f64],
+        north: &mut [f64],
+        linear: &mut [Vec<f64>; K],
+        a: &[f64],
+        b: &[f64],
+    ) {
+        let n = east.len().min(north.len()).min(a.len()).min(b.len());
+        let (east, north, a, b) = (&mut east[..n], &mut north[..n], &a[..n], &b[..n]);
+        let mut columns = linear.each_mut().map(|c| &mut c[..n]);
+        for i in 0..n {
+            let ze = step.root[0] * a[i];
+            let zn = step.root[1] * a[i] + step.root[2] * b[i];
+            let (mut de, mut dn) = (step.displacement_m[0] + ze, step.displacement_m[1] + zn);
+            for (k, c) in columns.iter_mut().enumerate() {
+                let value = c[i];
+                de += step.map[0][k] * value;
+                dn += step.map[1][k] * value;
+                c[i] = value + step.gain[k][0] * ze + step.gain[k][1] * zn;
+            }
+            east[i] += de;
+            north[i] += dn;
+        }
+    }
+}
+
+/// Moves every copy of a particle that was copied more than once by √variance · n.
+pub fn roughen(
+    east: &mut [f64],
+    north: &mut [f64],
+    ancestors: &[u32],
+    counts: &[u32],
+    variance_m2: f64,
+    a: &[f64],
+    b: &[f64],
+) {
+    let sigma = variance_m2.sqrt();
+    for (i, &parent) in ancestors.iter().enumerate() {
+        if counts[parent as usize] > 1 {
+            east[i] += sigma * a[i];
+            north[i] += sigma * b[i];
+        }
+    }
+}
+
+/// Replaces `column` by its entries at `ancestors`, through `scratch` of the same length.
+pub fn gather(column: &mut Vec<f64>, scratch: &mut Vec<f64>, ancestors: &[u32]) {
+    for (s, &a) in scratch.iter_mut().zip(ancestors) {
+        *s = column[a as usize];
+    }
+    std::mem::swap(column, scratch);
+}
+
+/// The bandwidth of Liu–West for N particles: ½(4/6N)^{1/8}.
+#[must_use]
+pub fn liu_west_bandwidth(particles: usize) -> f64 {
+    0.5 * (4.0 / (6.0 * particles as f64)).powf(0.125)
+}
+
+/// Largest joint state that Liu–West moves: position, offset, linear states.
+pub const MAX_JOINT: usize = 3 + MAX_LINEAR;
+
+/// Liu–West on equally weighted columns: x ← μ + √(1−h²)(x − μ) + h chol(C) n, with C the cloud's own covariance.
+///
+/// `normals` holds one slice for each column. A column without spread stays as it is.
+pub fn liu_west<const D: usize>(columns: &mut [&mut [f64]; D], bandwidth: f64, normals: &[&[f64]; D]) {
+    let count = columns.first().map_or(0, |c| c.len());
+    if count == 0 {
+        return;
+    }
+    let inverse = 1.0 / count as f64;
+    let mean: [f64; D] = std::array::from_fn(|d| columns[d].iter().sum::<f64>() * inverse);
+    let mut covariance = SMatrix::<f64, D, D>::zeros();
+    for r in 0..D {
+        for c in 0..=r {
+            let sum: f64 =
+                columns[r].iter().zip(columns[c].iter()).map(|(x, y)| (x - mean[r]) * (y - mean[c])).sum();
+            covariance[(r, c)] = sum * inverse;
+            covariance[(c, r)] = covariance[(r, c)];
+        }
+    }
+    // A trace of jitter keeps the factor defined where columns are linearly dependent.
+    for d in 0..D {
+        covariance[(d, d)] += 1e-9 * covariance[(d, d)] + 1e-14;
+    }
+    let Some(root) = covariance.cholesky().map(|c| c.l()) else { return };
+    let shrink = (1.0 - bandwidth * bandwidth).sqrt();
+    for i in 0..count {
+        for d in (0..D).rev() {
+            let mut jitter = 0.0;
+            for k in 0..=d {
+                jitter += root[(d, k)] * normals[k][i];
+            }
+            columns[d][i] = mean[d] + shrink * (columns[d][i] - mean[d]) + bandwidth * jitter;
+        }
+    }
+}

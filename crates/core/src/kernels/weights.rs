@@ -1,0 +1,236 @@
+//! Log-weights to weights, effective sample size, moments, kernel entropy, residual resampling.
+
+use super::dispatch;
+use super::math::exp;
+
+const LANES: usize = 8;
+
+/// Sum in eight interleaved lanes: vectorises, and its order depends on the length alone.
+#[inline(always)]
+fn lane_sum(lanes: [f64; LANES]) -> f64 {
+    ((lanes[0] + lanes[4]) + (lanes[2] + lanes[6])) + ((lanes[1] + lanes[5]) + (lanes[3] + lanes[7]))
+}
+
+dispatch! {
+    /// Normalises `log_weights` in place and writes the weights; returns (ln of the sum before, Σ w²).
+    ///
+    /// If no log-weight is finite, nothing changes and `None` is returned. A NaN counts as −∞.
+    pub fn normalise(log_weights: &mut [f64], weights: &mut [f64]) -> Option<(f64, f64)> {
+        let mut max = [f64::NEG_INFINITY; LANES];
+        for chunk in log_weights.chunks(LANES) {
+            for (m, &x) in max.iter_mut().zip(chunk) {
+                *m = if x > *m { x } else { *m };
+            }
+        }
+        let top = max.iter().fold(f64::NEG_INFINITY, |a, &b| if b > a { b } else { a });
+        if !top.is_finite() {
+            return None;
+        }
+        let mut sums = [0.0; LANES];
+        for (w, x) in weights.chunks_mut(LANES).zip(log_weights.chunks(LANES)) {
+            for ((w, &x), s) in w.iter_mut().zip(x).zip(&mut sums) {
+                let shifted = x - top;
+                // NaN fails the comparison as well and gets no weight.
+                let value = if shifted > -700.0 { exp(shifted) } else { 0.0 };
+                *w = value;
+                *s += value;
+            }
+        }
+        let total = lane_sum(sums);
+        let inverse = 1.0 / total;
+        let log_total = top + total.ln();
+        let mut squares = [0.0; LANES];
+        for (w, x) in weights.chunks_mut(LANES).zip(log_weights.chunks_mut(LANES)) {
+            for ((w, x), s) in w.iter_mut().zip(x).zip(&mut squares) {
+                *w *= inverse;
+                let log_weight = *x - log_total;
+                *x = if log_weight > -1e300 { log_weight } else { -1e300 };
+                *s += *w * *w;
+            }
+        }
+        Some((log_total, lane_sum(squares)))
+    }
+}
+
+/// Effective sample size 1 / Σ w² (13) of normalised weights.
+#[must_use]
+pub fn effective_sample_size(weights: &[f64]) -> f64 {
+    1.0 / weights.iter().map(|w| w * w).sum::<f64>()
+}
+
+dispatch! {
+    /// Σ w x of one column.
+    pub fn weighted_mean(weights: &[f64], x: &[f64]) -> f64 {
+        let mut sums = [0.0; LANES];
+        for (w, x) in weights.chunks(LANES).zip(x.chunks(LANES)) {
+            for ((w, x), s) in w.iter().zip(x).zip(&mut sums) {
+                *s += w * x;
+            }
+        }
+        lane_sum(sums)
+    }
+}
+
+dispatch! {
+    /// Σ w (x − mx)(y − my) of two columns.
+    pub fn weighted_covariance(weights: &[f64], x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
+        let mut sums = [0.0; LANES];
+        for ((w, x), y) in weights.chunks(LANES).zip(x.chunks(LANES)).zip(y.chunks(LANES)) {
+            for (((w, x), y), s) in w.iter().zip(x).zip(y).zip(&mut sums) {
+                *s += w * (x - mx) * (y - my);
+            }
+        }
+        lane_sum(sums)
+    }
+}
+
+/// Mean (10) and covariance (11) of positions: (mean, [ee, en, nn]).
+#[must_use]
+pub fn moments(weights: &[f64], east: &[f64], north: &[f64]) -> ([f64; 2], [f64; 3]) {
+    let mean = [weighted_mean(weights, east), weighted_mean(weights, north)];
+    let covariance = [
+        weighted_covariance(weights, east, mean[0], east, mean[0]),
+        weighted_covariance(weights, east, mean[0], north, mean[1]),
+        weighted_covariance(weights, north, mean[1], north, mean[1]),
+    ];
+    (mean, covariance)
+}
+
+/// Kernel entropy −Σ w_i ln Σ_j w_j exp(−½‖x_i − x_j‖²/σ²) (20)–(21); O(N²).
+#[must_use]
+pub fn kernel_entropy(weights: &[f64], east: &[f64], north: &[f64], sigma_m: f64) -> f64 {
+    let scale = -0.5 / (sigma_m * sigma_m);
+    let mut entropy = 0.0;
+    for (i, &wi) in weights.iter().enumerate() {
+        let mut density = 0.0;
+        for (j, &wj) in weights.iter().enumerate() {
+            let (de, dn) = (east[i] - east[j], north[i] - north[j]);
+            density += wj * (scale * (de * de + dn * dn)).exp();
+        }
+        if wi > 0.0 {
+            entropy -= wi * density.ln();
+        }
+    }
+    entropy
+}
+
+/// Residual resampling (Liu & Chen 1998): ⌊N w⌋ copies of each particle, the R left by inverse CDF on the residual
+/// weights with the first R of `uniforms`. Ancestors come out ascending.
+///
+/// All slices have N entries; `residual_cdf` and `counts` are scratch (`counts` ends as the number of copies of each
+/// particle). Weights are normalised, uniforms in [0, 1).
+pub fn residual_resample(
+    weights: &[f64],
+    uniforms: &[f64],
+    residual_cdf: &mut [f64],
+    counts: &mut [u32],
+    ancestors: &mut [u32],
+) {
+    let n = weights.len();
+    let mut taken = 0usize;
+    let mut total = 0.0;
+    for ((&w, cdf), count) in weights.iter().zip(&mut *residual_cdf).zip(&mut *counts) {
+        let expected = n as f64 * w;
+        let copies = expected.floor();
+        *count = copies as u32;
+        taken += copies as usize;
+        total += expected - copies;
+        *cdf = total;
+    }
+    for u in uniforms.iter().take(n.saturating_sub(taken)) {
+        let target = u * total;
+        let index = residual_cdf.partition_point(|&c| c <= target).min(n - 1);
+        counts[index] += 1;
+    }
+    let mut slots = ancestors.iter_mut();
+    for (i, &count) in counts.iter().enumerate() {
+        for slot in slots.by_ref().take(count as usize) {
+            *slot = i as u32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::noise::{Purpose, Streams};
+    use proptest::prelude::*;
+
+    fn normalised(raw: &[f64]) -> Vec<f64> {
+        let sum: f64 = raw.iter().sum();
+        raw.iter().map(|x| x / sum).collect()
+    }
+
+    fn resample(weights: &[f64], uniforms: &[f64]) -> (Vec<u32>, Vec<u32>) {
+        let n = weights.len();
+        let (mut cdf, mut counts, mut ancestors) = (vec![0.0; n], vec![0; n], vec![u32::MAX; n]);
+        residual_resample(weights, uniforms, &mut cdf, &mut counts, &mut ancestors);
+        (counts, ancestors)
+    }
+
+    proptest! {
+        #[test]
+        fn copies_are_at_least_the_whole_part(
+            raw in prop::collection::vec(prop_oneof![Just(0.0), 1e-12..1.0f64, Just(3.0)], 1..200),
+            seed: u64,
+        ) {
+            prop_assume!(raw.iter().sum::<f64>() > 0.0);
+            let w = normalised(&raw);
+            let n = w.len();
+            let mut u = vec![0.0; n];
+            Streams::new(seed, 0).at(Purpose::Resample, 0).uniforms(0, &mut u);
+            let (counts, ancestors) = resample(&w, &u);
+            prop_assert_eq!(counts.iter().sum::<u32>() as usize, n);
+            prop_assert!(ancestors.windows(2).all(|p| p[0] <= p[1]));
+            for i in 0..n {
+                prop_assert!(f64::from(counts[i]) >= (n as f64 * w[i]).floor());
+                prop_assert_eq!(ancestors.iter().filter(|&&a| a as usize == i).count() as u32, counts[i]);
+                // A weight of nothing may only be drawn where rounding left the last residual slot over.
+                prop_assert!(w[i] > 0.0 || counts[i] == 0 || i == n - 1);
+            }
+        }
+
+        #[test]
+        fn extreme_log_weights_keep_weights_sane(
+            mut log_w in prop::collection::vec(
+                prop_oneof![-1e6..1e6f64, Just(f64::NEG_INFINITY), Just(f64::NAN), -1e308..-1e200f64, Just(700.0)],
+                1..100,
+            ),
+        ) {
+            let before: Vec<u64> = log_w.iter().map(|x| x.to_bits()).collect();
+            let mut w = vec![0.25; log_w.len()];
+            match normalise(&mut log_w, &mut w) {
+                None => {
+                    prop_assert!(before.iter().all(|&b| !f64::from_bits(b).is_finite()));
+                    prop_assert_eq!(before, log_w.iter().map(|x| x.to_bits()).collect::<Vec<_>>());
+                    prop_assert!(w.iter().all(|&x| x == 0.25));
+                }
+                Some((_, squares)) => {
+                    prop_assert!((w.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                    prop_assert!(w.iter().all(|&x| (0.0..=1.0 + 1e-15).contains(&x)));
+                    prop_assert!((1.0 / squares / effective_sample_size(&w) - 1.0).abs() < 1e-12);
+                    prop_assert!(log_w.iter().all(|x| x.is_finite() && *x <= 1e-9));
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn resampling_is_unbiased() {
+        let w = normalised(&[0.3, 0.05, 1.7, 0.9, 0.02, 2.4, 0.6]);
+        let n = w.len();
+        let runs = 40_000;
+        let mut sums = vec![0.0; n];
+        for run in 0..runs {
+            let mut u = vec![0.0; n];
+            Streams::new(5, 0).at(Purpose::Resample, run).uniforms(0, &mut u);
+            for (s, c) in sums.iter_mut().zip(resample(&w, &u).0) {
+                *s += f64::from(c);
+            }
+        }
+        for (s, w) in sums.iter().zip(&w) {
+            let (mean, expected) = (s / f64::from(runs), n as f64 * w);
+            assert!((mean - expected).abs() < 5.0 * (1.0 / f64::from(runs)).sqrt(), "{mean} {expected}");
+        }
+    }
+}

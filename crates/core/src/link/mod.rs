@@ -1,0 +1,26 @@
+//! What both ends of an acoustic link agree on.
+//!
+//! * [`LinkConfig`]: frames, air time and sound speed of the modem.
+//! * [`SlotTable`]: who may launch when, and how much fits (TDMA).
+//! * [`Sequencer`], [`ReceiveWindow`], [`AckBitmap`]: packet counters at the sender and the receiver, and which packets
+//!   of a peer arrived.
+//! * [`range_m`], [`slant_to_horizontal`]: from times to distances.
+//!
+//! Everything here is plain state without clock or random numbers and serialises with serde, checked on the way in,
+//! for snapshots.
+
+mod acknowledge;
+mod config;
+mod error;
+mod geometry;
+mod sequence;
+mod slots;
+#[cfg(test)]
+mod tests;
+
+pub use acknowledge::AckBitmap;
+pub use config::LinkConfig;
+pub use error::LinkError;
+pub use geometry::{HorizontalRange, range_m, slant_to_horizontal};
+pub use sequence::{Admission, ReceiveWindow, Sequencer};
+pub use slots::{Slot, SlotTable};

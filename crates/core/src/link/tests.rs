@@ -1,0 +1,367 @@
+//! Air time, slots, counters against naive models, geometry, snapshots.
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
+
+use super::*;
+use crate::packet::{BitReader, BitWriter, PacketError};
+use proptest::prelude::*;
+use std::collections::BTreeSet;
+
+const SECOND: i64 = 1_000_000_000;
+
+fn micromodem() -> LinkConfig {
+    LinkConfig::new(32, 3, 0.4, 0.1, 1500.0).unwrap()
+}
+
+fn slot(second: i64, sender: u16, capacity_bytes: usize) -> Slot {
+    Slot { tol_ns: second * SECOND, sender, capacity_bytes }
+}
+
+fn restored<T: serde::Serialize + serde::de::DeserializeOwned>(value: &T) -> T {
+    postcard::from_bytes(&postcard::to_stdvec(value).unwrap()).unwrap()
+}
+
+#[test]
+fn air_time_counts_whole_frames() {
+    let link = micromodem();
+    assert_eq!(link.max_bytes(), 96);
+    for (bytes, frames) in [(0, 1), (1, 1), (32, 1), (33, 2), (96, 3)] {
+        assert_eq!(link.frames_needed(bytes), Ok(frames));
+        assert_eq!(link.air_time_ns(bytes), Ok(100_000_000 + frames as i64 * 400_000_000));
+    }
+    assert_eq!(
+        link.air_time_ns(97).unwrap_err().to_string(),
+        "packet of 97 bytes needs 4 frames of 32 bytes, the modem sends at most 3"
+    );
+    assert!(link.frames_needed(usize::MAX).is_err());
+    let unlimited = LinkConfig::new(usize::MAX, usize::MAX, 0.0, 0.0, 1500.0).unwrap();
+    assert_eq!(unlimited.air_time_ns(usize::MAX), Ok(0));
+}
+
+#[test]
+fn a_modem_that_cannot_be_is_refused() {
+    for (frame_bytes, max_frames, frame_s, preamble_s, speed) in [
+        (0, 1, 0.1, 0.0, 1500.0),
+        (32, 0, 0.1, 0.0, 1500.0),
+        (32, 1, -0.1, 0.0, 1500.0),
+        (32, 1, 0.1, f64::NAN, 1500.0),
+        (32, 1, f64::INFINITY, 0.0, 1500.0),
+        (32, usize::MAX, 0.1, 0.0, 1500.0),
+        (32, 1, 0.1, 0.0, 0.0),
+        (32, 1, 0.1, 0.0, 330.0),
+    ] {
+        let result = LinkConfig::new(frame_bytes, max_frames, frame_s, preamble_s, speed);
+        assert!(matches!(result, Err(LinkError::OutOfRange { .. })), "{result:?}");
+    }
+    assert_eq!(
+        LinkConfig::new(32, 1, 0.1, 0.0, -1500.0).unwrap_err().to_string(),
+        "sound_speed_mps -1500 is outside 1000 to 2000"
+    );
+}
+
+#[test]
+fn slots_answer_whose_turn_it_is() {
+    let table = SlotTable::new(vec![slot(0, 0, 32), slot(3, 1, 32), slot(6, 2, 0), slot(9, 0, 32)]).unwrap();
+    assert_eq!(table.slots().len(), 4);
+    assert_eq!(table.at(3 * SECOND).map(|slot| slot.sender), Some(1));
+    assert_eq!(table.at(4 * SECOND), None);
+    assert_eq!(table.previous_of(0, 9 * SECOND).map(|slot| slot.tol_ns), Some(0));
+    assert_eq!(table.previous_of(0, 0), None);
+    assert_eq!(table.next_of(0, 1).map(|slot| slot.tol_ns), Some(9 * SECOND));
+    assert_eq!(table.next_of(1, 3 * SECOND).map(|slot| slot.tol_ns), Some(3 * SECOND));
+    assert_eq!(table.next_of(1, i64::MAX), None);
+    assert!(table.check_packet(1, 3 * SECOND, 32).is_ok());
+    assert!(matches!(table.check_packet(1, 3 * SECOND, 33), Err(LinkError::SlotTooShort { .. })));
+    assert!(matches!(table.check_packet(0, 3 * SECOND, 1), Err(LinkError::NoSlot { .. })));
+    assert!(matches!(table.check_packet(2, 6 * SECOND, 1), Err(LinkError::SlotTooShort { .. })));
+    assert!(table.check_against(&micromodem()).is_ok());
+    assert_eq!(restored(&table), table);
+}
+
+#[test]
+fn slots_out_of_order_or_too_close_are_refused() {
+    for second in [0, -1] {
+        let result = SlotTable::new(vec![slot(0, 0, 32), slot(second, 1, 32)]);
+        assert!(matches!(result, Err(LinkError::SlotOrder { index: 1, before: 0, .. })));
+    }
+    assert!(matches!(SlotTable::new(vec![slot(0, 16, 32)]), Err(LinkError::OutOfRange { .. })));
+    let tight = SlotTable::new(vec![slot(0, 0, 96), slot(1, 1, 32)]).unwrap();
+    assert_eq!(
+        tight.check_against(&micromodem()).unwrap_err().to_string(),
+        "slot at 0 ns: 96 bytes take 1300000000 ns, but the next slot starts 1000000000 ns later"
+    );
+    let large = SlotTable::new(vec![slot(0, 0, 97)]).unwrap();
+    assert!(matches!(large.check_against(&micromodem()), Err(LinkError::TooManyFrames { .. })));
+    let apart = SlotTable::new(vec![
+        Slot { tol_ns: i64::MIN, sender: 0, capacity_bytes: 1 },
+        Slot { tol_ns: i64::MAX, sender: 0, capacity_bytes: 1 },
+    ]);
+    assert!(apart.unwrap().check_against(&micromodem()).is_ok());
+}
+
+#[test]
+fn the_sequence_wraps_at_every_place() {
+    for lost in 0..=255u64 {
+        let (mut own, mut window) = (Sequencer::new(), ReceiveWindow::new());
+        assert_eq!((own.last(), own.take()), (None, Ok(0)));
+        assert_eq!(window.accept(0, 0), Ok(0));
+        for cycle in 1..8i64 {
+            for _ in 0..lost {
+                own.take().unwrap();
+            }
+            let sequence = own.residue();
+            let counter = own.take().unwrap();
+            assert_eq!(own.last(), Some(counter));
+            assert_eq!(window.accept(sequence, cycle * SECOND), Ok(counter), "{lost} lost at a time");
+            assert!(window.accept(sequence, cycle * SECOND).is_err());
+        }
+    }
+    // Without losses, through four wraps and the whole window.
+    let mut window = ReceiveWindow::new();
+    for counter in 0..1024u64 {
+        assert_eq!(window.accept((counter % 256) as u8, counter as i64), Ok(counter));
+    }
+    assert!(window.contains(1023) && window.contains(992) && !window.contains(991));
+}
+
+#[test]
+fn rejection_says_why_and_changes_nothing() {
+    let mut window = ReceiveWindow::new();
+    assert_eq!(window.newest(), None);
+    for counter in (10..90u64).step_by(2) {
+        window.accept(counter as u8, counter as i64 * SECOND).unwrap();
+    }
+    let before = window.clone();
+    let reject = |sequence: u8, second: i64| {
+        let mut copy = before.clone();
+        let error = copy.accept(sequence, second * SECOND).unwrap_err();
+        assert_eq!(copy, before);
+        error
+    };
+    assert!(matches!(reject(88, 88), LinkError::Duplicate { .. }));
+    assert!(matches!(reject(87, 88), LinkError::Duplicate { .. }));
+    assert!(matches!(reject(11, 11), LinkError::TooOld { .. }));
+    assert_eq!(
+        reject(70, 71),
+        LinkError::OutOfSequence { sequence: 70, tol_ns: 71 * SECOND, lower: 70, upper: 72 }
+    );
+    for sequence in [72, 200] {
+        assert!(matches!(reject(sequence, 71), LinkError::OutOfSequence { .. }));
+    }
+    // Overtaken on the way: once.
+    assert_eq!(window.accept(71, 71 * SECOND), Ok(71));
+    assert!(window.accept(71, 71 * SECOND).is_err());
+    // An admission is good for the state that gave it.
+    let admission = window.check(89, 89 * SECOND).unwrap();
+    assert!(window.commit(Admission { counter: 88, ..admission }).is_err());
+    window.commit(admission).unwrap();
+    assert_eq!(window.commit(admission), Err(LinkError::StaleAdmission { counter: 89, tol_ns: 89 * SECOND }));
+    assert_eq!(window.newest(), Some(admission));
+}
+
+#[test]
+fn a_recorded_packet_is_never_accepted_again() {
+    // An old packet whose eight bits fit into a gap of the window.
+    let mut window = ReceiveWindow::new();
+    for counter in 0..300u64 {
+        if counter < 260 || counter % 3 == 0 {
+            window.accept((counter % 256) as u8, counter as i64 * SECOND).unwrap();
+        }
+    }
+    for counter in 0..300u64 {
+        let accepted = window.clone().accept((counter % 256) as u8, counter as i64 * SECOND);
+        let missing = counter >= 260 && counter % 3 != 0 && counter < 297;
+        let newer = counter > 297;
+        assert_eq!(accepted.is_ok(), missing || newer, "{counter}: {accepted:?}");
+    }
+}
+
+#[test]
+fn counters_end_without_a_panic() {
+    let bytes = postcard::to_stdvec(&vec![Admission { counter: u64::MAX - 1, tol_ns: 0 }]).unwrap();
+    let mut window: ReceiveWindow = postcard::from_bytes(&bytes).unwrap();
+    assert_eq!(window.accept(255, 1), Ok(u64::MAX));
+    assert_eq!(window.accept(0, 2), Err(LinkError::CounterExhausted { counter: u64::MAX }));
+    let mut own: Sequencer = postcard::from_bytes(&postcard::to_stdvec(&u64::MAX).unwrap()).unwrap();
+    assert_eq!(own.take(), Err(LinkError::CounterExhausted { counter: u64::MAX }));
+    let mut acks = AckBitmap::new(64).unwrap();
+    assert!(acks.mark(0) && acks.mark(u64::MAX) && !acks.mark(0));
+    assert_eq!(acks.received().collect::<Vec<_>>(), [u64::MAX]);
+}
+
+#[test]
+fn acknowledgements_of_what_was_never_sent_are_refused() {
+    let read = |bytes: &[u8], last| AckBitmap::read(&mut BitReader::new(bytes), 8, last);
+    assert_eq!(read(&[0, 0], None), AckBitmap::new(8).map_err(|_| unreachable!()));
+    assert!(matches!(read(&[0, 1], None), Err(PacketError::InvalidCode { .. })));
+    assert!(matches!(read(&[5, 1], Some(4)), Err(PacketError::InvalidCode { .. })));
+    assert_eq!(read(&[5, 1], Some(260)).unwrap().newest(), Some(5));
+    assert!(matches!(read(&[3, 0b1_0000], Some(3)), Err(PacketError::InvalidCode { .. })));
+    assert!(read(&[3, 0b1000], Some(3)).unwrap().is_received(0));
+    assert!(matches!(read(&[3], Some(3)), Err(PacketError::Truncated { .. })));
+    for length in [0, 65, u32::MAX] {
+        assert!(AckBitmap::new(length).is_err());
+        assert!(AckBitmap::read(&mut BitReader::new(&[0; 20]), length, Some(9)).is_err());
+    }
+}
+
+#[test]
+fn snapshots_come_back_and_forged_ones_do_not() {
+    assert_eq!(restored(&micromodem()), micromodem());
+    let mut acks = AckBitmap::new(12).unwrap();
+    acks.mark(300);
+    acks.mark(295);
+    assert_eq!(restored(&acks), acks);
+    let mut window = ReceiveWindow::new();
+    window.accept(4, 5).unwrap();
+    window.accept(6, 9).unwrap();
+    assert_eq!(restored(&window), window);
+    let mut own = Sequencer::new();
+    own.take().unwrap();
+    assert_eq!(restored(&own), own);
+
+    let forged =
+        |value: &(u32, u64, u64)| postcard::from_bytes::<AckBitmap>(&postcard::to_stdvec(value).unwrap());
+    assert!(forged(&(12, 300, 1)).is_ok());
+    assert!(forged(&(0, 0, 0)).is_err() && forged(&(65, 0, 0)).is_err());
+    assert!(forged(&(4, 300, 16)).is_err() && forged(&(12, 3, 16)).is_err());
+    let backwards = vec![Admission { counter: 2, tol_ns: 5 }, Admission { counter: 1, tol_ns: 6 }];
+    assert!(postcard::from_bytes::<ReceiveWindow>(&postcard::to_stdvec(&backwards).unwrap()).is_err());
+    let many: Vec<_> = (0..33).map(|k| Admission { counter: k, tol_ns: k as i64 }).collect();
+    assert!(postcard::from_bytes::<ReceiveWindow>(&postcard::to_stdvec(&many).unwrap()).is_err());
+    let slots = vec![slot(3, 0, 1), slot(2, 0, 1)];
+    assert!(postcard::from_bytes::<SlotTable>(&postcard::to_stdvec(&slots).unwrap()).is_err());
+    let modem = postcard::to_stdvec(&(0usize, 1usize, 0.1f64, 0.1f64, 1500.0f64)).unwrap();
+    assert!(postcard::from_bytes::<LinkConfig>(&modem).is_err());
+}
+
+#[test]
+fn ranges_are_positive_or_an_error() {
+    assert_eq!(range_m(5, 5 + SECOND, 1500.0), Ok(1500.0));
+    assert!(range_m(i64::MIN, i64::MAX, 1500.0).unwrap() > 2.7e13);
+    for (tol_ns, toa_ns) in [(5, 5), (6, 5), (i64::MAX, i64::MIN)] {
+        assert!(matches!(range_m(tol_ns, toa_ns, 1500.0), Err(LinkError::RangeNotPositive { .. })));
+    }
+    for speed in [0.0, -1500.0, f64::NAN, f64::INFINITY] {
+        assert!(matches!(range_m(0, 1, speed), Err(LinkError::OutOfRange { .. })));
+    }
+    assert!(range_m(i64::MIN, i64::MAX, f64::MAX).is_err());
+}
+
+#[test]
+fn slant_ranges_reduce_clamp_or_fail() {
+    let reduce = |slant, a, b| slant_to_horizontal(slant, a, b, 1.0, 3.0);
+    assert_eq!(reduce(5.0, 10.0, 7.0), Ok(HorizontalRange { range_m: 4.0, clamped: false }));
+    assert_eq!(reduce(5.0, 7.0, 10.0), reduce(5.0, 10.0, 7.0));
+    assert_eq!(reduce(3.0, 7.0, 10.0), Ok(HorizontalRange { range_m: 0.0, clamped: false }));
+    assert_eq!(reduce(7.0, 0.0, 10.0), Ok(HorizontalRange { range_m: 0.0, clamped: true }));
+    assert_eq!(
+        reduce(6.5, 0.0, 10.0),
+        Err(LinkError::SlantTooShort { slant_m: 6.5, depth_difference_m: 10.0, allowance_m: 3.0 })
+    );
+    for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert!(matches!(reduce(bad, 0.0, 10.0), Err(LinkError::OutOfRange { quantity: "slant_m", .. })));
+    }
+    assert!(reduce(1.0, f64::NAN, 0.0).is_err() && reduce(1.0, 0.0, f64::INFINITY).is_err());
+    assert!(slant_to_horizontal(1.0, 0.0, 0.0, -1.0, 3.0).is_err());
+    assert!(slant_to_horizontal(1.0, 0.0, 0.0, 1.0, f64::NAN).is_err());
+    assert!(reduce(f64::MAX, f64::MAX, 0.0).is_err());
+    assert!(reduce(1.0, f64::MAX, f64::MIN).is_err());
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(1000))]
+
+    #[test]
+    fn the_window_agrees_with_a_full_memory(
+        order in prop::collection::vec((0u64..600, any::<bool>()), 1..300),
+    ) {
+        // Packets wander in around a rising front, some twice; launch time 3 s × counter.
+        let mut window = ReceiveWindow::new();
+        let mut memory: BTreeSet<u64> = BTreeSet::new();
+        for (index, (jump, _)) in order.iter().enumerate() {
+            let counter = (index as u64 + jump % 40).min(599);
+            let before = window.clone();
+            let result = window.accept((counter % 256) as u8, counter as i64 * 3 * SECOND);
+            let oldest = memory.iter().rev().nth(ReceiveWindow::LENGTH - 1).or(memory.first()).copied();
+            // The first packet heard gives the counter's zero: only its eight bits are known.
+            let expected = !memory.contains(&counter) && oldest.is_none_or(|oldest| counter > oldest);
+            prop_assert_eq!(result.is_ok(), expected, "{} {:?}", counter, result);
+            match result {
+                Ok(extended) => {
+                    prop_assert_eq!(extended, counter);
+                    memory.insert(counter);
+                }
+                Err(_) => prop_assert_eq!(&window, &before),
+            }
+        }
+    }
+
+    #[test]
+    fn acknowledgements_agree_with_a_set(
+        length in 1u32..=64, start in 0u64..1000,
+        steps in prop::collection::vec((0u64..90, 0usize..3), 1..60),
+    ) {
+        let mut bitmap = AckBitmap::new(length).unwrap();
+        let mut other = AckBitmap::new(64).unwrap();
+        let (mut set, mut others, mut newest, mut others_newest) = (BTreeSet::new(), BTreeSet::new(), 0, 0);
+        let covered = |newest: u64, counter: u64| counter + u64::from(length) > newest;
+        for (index, &(jump, what)) in steps.iter().enumerate() {
+            let counter = start + index as u64 * 3 + jump;
+            match what {
+                0 => {
+                    newest = newest.max(counter);
+                    let new = covered(newest, counter) && set.insert(counter);
+                    prop_assert_eq!(bitmap.mark(counter), new);
+                }
+                1 => {
+                    newest = newest.max(counter);
+                    bitmap.advance(counter);
+                }
+                _ => {
+                    others_newest = others_newest.max(counter);
+                    other.mark(counter);
+                    others.insert(counter);
+                    others.retain(|c| c + 64 > others_newest);
+                    bitmap.merge(&other);
+                    newest = newest.max(others_newest);
+                    set.extend(others.iter());
+                }
+            }
+            set.retain(|c| covered(newest, *c));
+            prop_assert_eq!(bitmap.received().collect::<Vec<_>>(), set.iter().rev().copied().collect::<Vec<_>>());
+            prop_assert_eq!(bitmap.newest(), (!set.is_empty()).then_some(newest));
+            prop_assert!((start..newest + 3).all(|c| bitmap.is_received(c) == set.contains(&c)));
+
+            let mut writer = BitWriter::default();
+            bitmap.write(&mut writer).unwrap();
+            prop_assert_eq!(writer.bit_len(), bitmap.bits() as usize);
+            let bytes = writer.finish();
+            // The owner of the packets may have sent up to 255 more since.
+            for ahead in [0, 1, 255] {
+                let read = AckBitmap::read(&mut BitReader::new(&bytes), length, Some(newest + ahead)).unwrap();
+                prop_assert_eq!(read.received().collect::<Vec<_>>(), bitmap.received().collect::<Vec<_>>());
+            }
+        }
+    }
+
+    #[test]
+    fn any_times_and_ranges_give_a_typed_result(raw in prop::array::uniform5(any::<u64>()), tol: i64, toa: i64) {
+        let [slant, a, b, sigma, gates] = raw.map(f64::from_bits);
+        if let Ok(reduced) = slant_to_horizontal(slant, a, b, sigma, gates) {
+            prop_assert!(reduced.range_m >= 0.0 && reduced.range_m.is_finite());
+        }
+        if let Ok(range) = range_m(tol, toa, slant) {
+            prop_assert!(range > 0.0 && range.is_finite());
+        }
+        let _ = LinkConfig::new(raw[0] as usize, raw[1] as usize, a, b, sigma);
+    }
+
+    #[test]
+    fn any_acknowledgement_bytes_give_a_typed_result(
+        bytes in prop::collection::vec(any::<u8>(), 0..12), length in 0u32..70, last: Option<u64>,
+    ) {
+        if let Ok(bitmap) = AckBitmap::read(&mut BitReader::new(&bytes), length, last) {
+            prop_assert!(bitmap.received().all(|counter| Some(counter) <= last));
+        }
+    }
+}

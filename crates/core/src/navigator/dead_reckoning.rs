@@ -1,0 +1,162 @@
+//! Dead reckoning: commanded velocity summed up, with an honest covariance. Ranges and soundings are not used.
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::common::{Drift, check_event, load, save, seconds};
+use super::{Estimate, Navigator, Outcome, Status};
+use crate::error::Error;
+use crate::event::{Event, Payload, VehicleId};
+use crate::kernels::particles::displacement_map;
+
+/// Position, current, compass bias, thrust bias.
+const D: usize = 6;
+type State = SVector<f64, D>;
+type Covariance = SMatrix<f64, D, D>;
+
+/// A Kalman filter over position, current and the two biases that hears nothing but fixes.
+pub struct DeadReckoning {
+    own: VehicleId,
+    drift: Drift,
+    core: Core,
+}
+
+#[derive(Clone, Serialize, Deserialize)]
+struct Core {
+    now_ns: Option<i64>,
+    started: bool,
+    velocity_mps: [f64; 2],
+    mean: State,
+    covariance: Covariance,
+    rejected: u64,
+}
+
+impl DeadReckoning {
+    /// A navigator for vehicle `own`.
+    ///
+    /// # Errors
+    /// What [`Drift::validate`] says.
+    pub fn new(own: VehicleId, drift: Drift) -> Result<Self, Error> {
+        drift.validate()?;
+        let core = Core {
+            now_ns: None,
+            started: false,
+            velocity_mps: [0.0; 2],
+            mean: State::zeros(),
+            covariance: Covariance::zeros(),
+            rejected: 0,
+        };
+        Ok(Self { own, drift, core })
+    }
+
+    /// Mean and covariance moved ahead by `dt_s` with the velocity in force.
+    fn predicted(&self, dt_s: f64) -> (State, Covariance) {
+        let mut transition = Covariance::identity();
+        let map = displacement_map::<4>(self.core.velocity_mps, dt_s);
+        for (row, columns) in map.iter().enumerate() {
+            for (k, value) in columns.iter().enumerate() {
+                transition[(row, 2 + k)] = *value;
+            }
+        }
+        let mut mean = transition * self.core.mean;
+        mean[0] += self.core.velocity_mps[0] * dt_s;
+        mean[1] += self.core.velocity_mps[1] * dt_s;
+        let mut covariance = transition * self.core.covariance * transition.transpose();
+        let walk = self.drift.position_walk(dt_s);
+        covariance[(0, 0)] += walk[0];
+        covariance[(1, 1)] += walk[2];
+        let linear = self.drift.walk::<4>(dt_s);
+        for k in 0..4 {
+            covariance[(2 + k, 2 + k)] += linear[(k, k)];
+        }
+        (mean, covariance)
+    }
+
+    fn advance(&mut self, t_ns: i64) {
+        if let (true, Some(now_ns)) = (self.core.started, self.core.now_ns)
+            && t_ns > now_ns
+        {
+            (self.core.mean, self.core.covariance) = self.predicted(seconds(t_ns - now_ns));
+        }
+        self.core.now_ns = Some(t_ns);
+    }
+
+    fn fix(&mut self, position_m: [f64; 2], [ee, en, nn]: [f64; 3]) -> Outcome {
+        let noise = Matrix2::new(ee, en, en, nn);
+        if !self.core.started {
+            self.core.started = true;
+            self.core.mean[0] = position_m[0];
+            self.core.mean[1] = position_m[1];
+            self.core.covariance = Covariance::zeros();
+            self.core.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&noise);
+            self.core.covariance.fixed_view_mut::<4, 4>(2, 2).copy_from(&self.drift.prior::<4>());
+            return Outcome::Fused;
+        }
+        let core = &mut self.core;
+        let cross = core.covariance.fixed_view::<D, 2>(0, 0).clone_owned();
+        let s = cross.fixed_view::<2, 2>(0, 0) + noise;
+        let Some(inverse) = s.try_inverse() else {
+            core.rejected += 1;
+            return Outcome::Gated;
+        };
+        let gain = cross * inverse;
+        core.mean += gain * (Vector2::from(position_m) - core.mean.fixed_rows::<2>(0));
+        let updated = core.covariance - gain * cross.transpose();
+        core.covariance = (updated + updated.transpose()) * 0.5;
+        Outcome::Fused
+    }
+}
+
+impl Navigator for DeadReckoning {
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_event(event, self.own, self.core.now_ns)?;
+        self.advance(event.t_ns);
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.core.velocity_mps = *velocity_mps;
+                Ok(Outcome::Fused)
+            }
+            Payload::Fix { position_m, covariance_m2 } => Ok(self.fix(*position_m, *covariance_m2)),
+            _ => Ok(Outcome::Noted),
+        }
+    }
+
+    fn transmit(&mut self, _tol_ns: i64, _capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
+        Ok(None)
+    }
+
+    fn estimate(&self, t_ns: i64) -> Estimate {
+        let core = &self.core;
+        let (mean, covariance, status) = match (core.started, core.now_ns) {
+            (true, Some(now_ns)) => {
+                let (mean, covariance) = self.predicted(seconds(t_ns - now_ns));
+                (
+                    [mean[0], mean[1]],
+                    [covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]],
+                    Status::Navigating,
+                )
+            }
+            _ => ([f64::NAN; 2], [f64::INFINITY, 0.0, f64::INFINITY], Status::NotStarted),
+        };
+        Estimate {
+            t_ns,
+            mean_m: mean,
+            covariance_m2: covariance,
+            yaw: None,
+            ess: None,
+            rejected: core.rejected,
+            status,
+        }
+    }
+
+    fn snapshot(&self) -> Result<Vec<u8>, Error> {
+        save(&self.core)
+    }
+
+    fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
+        self.core = load(snapshot)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,248 @@
+//! D-MPF (Tan, Chitre & Hover 2016): a marginalised particle filter on depth differences and broadcast beliefs.
+//!
+//! [`Dmpf::sounding`] reads like Algorithm 1: time update (5)–(8), terrain likelihood (15), weights (9), resampling
+//! (13)–(14), roughening; [`Navigator::handle`] adds the range likelihood (17)–(18) when a packet arrives.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::common::{Drift, ParticleCore, Radio, check_event, load, save};
+use super::range::RangeOptions;
+use super::{Estimate, Navigator, Outcome, Particles};
+use crate::chart::Chart;
+use crate::error::{Error, non_negative, positive};
+use crate::event::{Event, Payload, VehicleId};
+use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
+use crate::kernels::lookup::Pattern;
+use crate::noise::{Purpose, Streams};
+use crate::packet::PacketKind;
+
+/// Options of `dmpf`; the paper's values are the defaults of the Python layer.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DmpfOptions {
+    /// N.
+    pub particles: usize,
+    /// ℓ, differences along the segment.
+    pub window: usize,
+    /// σ of a difference in (15), m.
+    pub sigma_like_m: f64,
+    /// Resample at N_eff ≤ this × N (14).
+    pub resample_share: f64,
+    /// Variance of the roughening per axis, m².
+    pub roughening_m2: f64,
+    /// Range likelihood; none leaves ranges unused and keeps silent.
+    pub range: Option<RangeOptions>,
+    /// Whether soundings are used.
+    pub terrain: bool,
+    /// Form of the broadcast belief.
+    pub packet: PacketKind,
+    /// Process noise and priors.
+    pub drift: Drift,
+}
+
+/// Longest segment: soundings stay within the trajectory that is kept, and the fast path within one pattern.
+const MAX_WINDOW: usize = 120;
+
+/// The navigator.
+pub struct Dmpf {
+    own: VehicleId,
+    options: DmpfOptions,
+    chart: Option<Arc<Chart>>,
+    state: State,
+    scratch: Scratch,
+}
+
+#[derive(Serialize, Deserialize)]
+struct State {
+    core: ParticleCore<2>,
+    radio: Radio,
+    soundings: VecDeque<Sounding>,
+}
+
+#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+struct Sounding {
+    water_depth_m: f64,
+    displacement_m: [f64; 2],
+}
+
+#[derive(Default)]
+struct Scratch {
+    offsets: Vec<[f64; 2]>,
+    differences: Vec<f64>,
+    pattern: Pattern,
+}
+
+impl Dmpf {
+    /// A navigator for vehicle `own` in a team of `vehicles`.
+    ///
+    /// # Errors
+    /// Options outside their bounds.
+    pub fn new(
+        own: VehicleId,
+        vehicles: usize,
+        options: DmpfOptions,
+        chart: Option<Arc<Chart>>,
+        sound_speed_mps: f64,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        positive("sigma_like_m", options.sigma_like_m)?;
+        non_negative("roughening_m2", options.roughening_m2)?;
+        positive("resample_share", options.resample_share)?;
+        if let Some(range) = &options.range {
+            positive("sigma_range_m", range.sigma_m)?;
+        }
+        if !(1..=MAX_WINDOW).contains(&options.window) {
+            return Err(Error::OutOfBound {
+                quantity: "window",
+                value: options.window as f64,
+                bound: "1 to 120 differences",
+            });
+        }
+        Ok(Self {
+            own,
+            options,
+            chart,
+            state: State {
+                core: ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?,
+                radio: Radio::new(own, vehicles, sound_speed_mps)?,
+                soundings: VecDeque::with_capacity(options.window + 1),
+            },
+            scratch: Scratch::default(),
+        })
+    }
+
+    /// Measurement update with one sounding: Algorithm 1, lines 9–18.
+    fn sounding(&mut self, water_depth_m: f64) -> Outcome {
+        let (core, soundings) = (&mut self.state.core, &mut self.state.soundings);
+        let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
+            return Outcome::Noted;
+        };
+        let here = trajectory.displacement_m();
+        if soundings.len() > self.options.window {
+            soundings.pop_front();
+        }
+        soundings.push_back(Sounding { water_depth_m, displacement_m: here });
+        if soundings.len() < 2 {
+            return Outcome::Noted;
+        }
+        let scratch = &mut self.scratch;
+        scratch.offsets.clear();
+        scratch
+            .offsets
+            .extend(soundings.iter().map(|s| [s.displacement_m[0] - here[0], s.displacement_m[1] - here[1]]));
+        scratch.differences.clear();
+        scratch.differences.extend(
+            soundings.iter().zip(soundings.iter().skip(1)).map(|(a, b)| b.water_depth_m - a.water_depth_m),
+        );
+
+        let mut column = core.cloud.likelihood_column();
+        scratch.terrain(chart, &core.cloud.east, &core.cloud.north, self.options.sigma_like_m, &mut column);
+        if !core.fill_holes(&mut column) || !core.cloud.reweight(column) {
+            core.rejected += 1;
+            return Outcome::Gated;
+        }
+        self.resample();
+        Outcome::Fused
+    }
+
+    /// Algorithm 1, lines 14–18.
+    fn resample(&mut self) {
+        let core = &mut self.state.core;
+        if core.cloud.ess() <= self.options.resample_share * core.cloud.len() as f64 {
+            let stream = core.next_stream(Purpose::Resample);
+            core.cloud.resample(&stream);
+            let stream = core.next_stream(Purpose::Jitter);
+            core.cloud.roughen(self.options.roughening_m2, &stream);
+        }
+    }
+
+    fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
+        let Some(range) = self.options.range else { return Outcome::Noted };
+        let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
+            self.state.core.rejected += 1;
+            return Outcome::Rejected;
+        };
+        let outcome = self.state.core.range(&heard, toa_ns, &range);
+        if outcome == Outcome::Fused {
+            self.resample();
+        }
+        outcome
+    }
+}
+
+impl Scratch {
+    /// Terrain log-likelihood (15); NaN for a particle whose segment touches no depth.
+    fn terrain(&mut self, chart: &Chart, east: &[f64], north: &[f64], sigma_m: f64, out: &mut [f64]) {
+        let grid = chart.grid();
+        self.pattern.set(&grid, self.offsets.iter().copied());
+        if !terrain_log_likelihood_fast(&grid, &self.pattern, east, north, &self.differences, sigma_m, out) {
+            terrain_log_likelihood(
+                &grid,
+                east,
+                north,
+                &self.offsets,
+                &self.differences,
+                sigma_m,
+                f64::NAN,
+                out,
+            );
+        }
+    }
+}
+
+impl Navigator for Dmpf {
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_event(event, self.own, self.state.core.now_ns())?;
+        self.state.radio.check_sender(&event.payload)?;
+        self.state.core.advance(event.t_ns);
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.state.core.velocity_mps = *velocity_mps;
+                Ok(Outcome::Fused)
+            }
+            Payload::Depth { depth_m, .. } => {
+                self.state.radio.set_depth(*depth_m);
+                Ok(Outcome::Fused)
+            }
+            Payload::Fix { position_m, covariance_m2 } => {
+                let outcome = self.state.core.fix(*position_m, *covariance_m2);
+                self.resample();
+                Ok(outcome)
+            }
+            Payload::WaterDepth { water_depth_m, .. } if self.options.terrain => {
+                Ok(self.sounding(*water_depth_m))
+            }
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
+            }
+            _ => Ok(Outcome::Noted),
+        }
+    }
+
+    fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
+        if self.options.range.is_none() || !self.state.core.started() {
+            return Ok(None);
+        }
+        let estimate = self.state.core.estimate(tol_ns);
+        self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
+    }
+
+    fn estimate(&self, t_ns: i64) -> Estimate {
+        self.state.core.estimate(t_ns)
+    }
+
+    fn snapshot(&self) -> Result<Vec<u8>, Error> {
+        save(&self.state)
+    }
+
+    fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
+        self.state = load(snapshot)?;
+        Ok(())
+    }
+
+    fn particles(&self) -> Option<Particles> {
+        self.state.core.particles()
+    }
+}

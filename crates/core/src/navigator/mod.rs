@@ -1,0 +1,137 @@
+//! The contract of a navigator, and one module for each method.
+
+pub mod common;
+pub mod dead_reckoning;
+pub mod dmpf;
+pub mod mpf;
+pub mod range;
+pub mod trajectory;
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::Error;
+use crate::event::{Event, VehicleId};
+
+/// What became of an event.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Outcome {
+    /// It changed the estimate.
+    Fused,
+    /// It only moved the clock, or this navigator has no use for it.
+    Noted,
+    /// It contradicts the belief, or could not be weighed; counted, the estimate is as it was.
+    Gated,
+    /// A packet that does not decode, is a copy, or is too old; counted, the estimate is as it was.
+    Rejected,
+}
+
+/// How a vehicle stands to its chart and start.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub enum Status {
+    /// No position fix yet: the mean is NaN, the covariance infinite.
+    #[default]
+    NotStarted,
+    /// Navigating as the method means to.
+    Navigating,
+    /// Off the chart or over a hole: dead reckoning until the chart is back.
+    OffChart,
+}
+
+/// Belief of one vehicle about its own pose.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Time it holds for, ns.
+    pub t_ns: i64,
+    /// [east, north], m.
+    pub mean_m: [f64; 2],
+    /// [ee, en, nn], m².
+    pub covariance_m2: [f64; 3],
+    /// Yaw and the lower triangle [yaw–east, yaw–north, yaw–yaw] of the pose covariance, where estimated.
+    pub yaw: Option<(f64, [f64; 3])>,
+    /// Effective sample size, for particle navigators.
+    pub ess: Option<f64>,
+    /// Measurements gated and packets rejected so far.
+    pub rejected: u64,
+    /// Whether the chart helps now.
+    pub status: Status,
+}
+
+/// A copy of a navigator's particles: positions and weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Particles {
+    /// Easting, m.
+    pub east: Vec<f64>,
+    /// Northing, m.
+    pub north: Vec<f64>,
+    /// Normalised weights.
+    pub weights: Vec<f64>,
+}
+
+/// The navigator of one vehicle: it sees its own events and the bytes that reach it, nothing else.
+pub trait Navigator: Send {
+    /// Advances to the event's time, then fuses it.
+    ///
+    /// # Errors
+    /// An event that no honest source could send. Nothing has changed then.
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error>;
+
+    /// What to broadcast in the slot that starts at `tol_ns`; `None` keeps silent.
+    ///
+    /// # Errors
+    /// A packet that cannot be built, or exceeds `capacity_bytes`.
+    fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error>;
+
+    /// The belief predicted to `t_ns`, without changing anything.
+    fn estimate(&self, t_ns: i64) -> Estimate;
+
+    /// Everything that determines what comes next: state, random streams, replay counters.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`], [`Error::External`].
+    fn snapshot(&self) -> Result<Vec<u8>, Error>;
+
+    /// Takes up a snapshot of a navigator that was configured the same.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`]; nothing has changed then.
+    fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error>;
+
+    /// True for a method that must be told which of its packets arrived; no real link can.
+    fn needs_delivery_oracle(&self) -> bool {
+        false
+    }
+
+    /// Particles for pictures.
+    fn particles(&self) -> Option<Particles> {
+        None
+    }
+}
+
+/// A centralised reference: fed the events of the whole team, transmits nothing.
+pub trait TeamEstimator: Send {
+    /// As [`Navigator::handle`], for any vehicle. A reception has no bytes.
+    ///
+    /// # Errors
+    /// As [`Navigator::handle`].
+    fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error>;
+
+    /// The belief about one vehicle.
+    fn estimate(&self, vehicle: VehicleId, t_ns: i64) -> Estimate;
+
+    /// Bytes of the packet that a slot is assumed to carry, for loss and air time.
+    fn assumed_packet_bytes(&self) -> usize;
+
+    /// As [`Navigator::snapshot`].
+    ///
+    /// # Errors
+    /// As [`Navigator::snapshot`].
+    fn snapshot(&self) -> Result<Vec<u8>, Error>;
+
+    /// As [`Navigator::restore`].
+    ///
+    /// # Errors
+    /// As [`Navigator::restore`].
+    fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error>;
+}

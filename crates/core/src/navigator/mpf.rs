@@ -1,0 +1,385 @@
+//! `mpf`: the consistent marginalised particle filter. The datum offset is a further Rao–Blackwellised state, absolute
+//! depth is used once per sounding, tempered by the distance over which the chart's error stays itself, with Student
+//! tails; Liu–West on the joint state; a health monitor; ranges tempered because a fused belief is not news.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::common::{Drift, ParticleCore, Radio, check_event, load, save, seconds};
+use super::range::RangeOptions;
+use super::{Estimate, Navigator, Outcome, Particles};
+use crate::chart::Chart;
+use crate::error::{Error, non_negative, positive};
+use crate::event::{Event, Payload, VehicleId};
+use crate::kernels::likelihood::OffsetModel;
+use crate::kernels::lookup::{Pattern, bilinear, pattern_depths};
+use crate::noise::{Purpose, Streams};
+use crate::packet::PacketKind;
+
+/// When the cloud no longer explains its soundings: an EWMA of normalised squared mean innovations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MonitorOptions {
+    /// Weight of a new sounding.
+    pub forgetting: f64,
+    /// One sounding counts at most this.
+    pub clip: f64,
+    /// Alarm above this.
+    pub alarm: f64,
+    /// On alarm, spread of the position, m.
+    pub spread_m: f64,
+    /// Spread when an alarm repeats within `repeat_s`, m.
+    pub repeat_spread_m: f64,
+    /// Spread of the current, m/s.
+    pub spread_current_mps: f64,
+    /// No two alarms closer than this, s.
+    pub quiet_s: f64,
+    /// See `repeat_spread_m`, s.
+    pub repeat_s: f64,
+}
+
+/// Options of `mpf`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MpfOptions {
+    /// N.
+    pub particles: usize,
+    /// Resample at N_eff ≤ this × N.
+    pub resample_share: f64,
+    /// Standard deviation of a sounding, m; `None` takes what the sensor states.
+    pub sigma_depth_m: Option<f64>,
+    /// Prior of the datum offset (tide), m.
+    pub sigma_offset0_m: f64,
+    /// Its walk per sounding, m.
+    pub sigma_offset_m_per_sounding: f64,
+    /// Degrees of freedom of Student's t; infinite for a Gaussian.
+    pub student_dof: f64,
+    /// Distance over which the chart's error stays itself, m; `None` asks the chart.
+    pub correlation_length_m: Option<f64>,
+    /// Standard deviation of the chart's error, m; `None` asks the chart.
+    pub sigma_map_m: Option<f64>,
+    /// Least distance between soundings that are used, m.
+    pub sounding_spacing_m: f64,
+    /// Health monitor.
+    pub monitor: Option<MonitorOptions>,
+    /// Range likelihood; none leaves ranges unused and keeps silent.
+    pub range: Option<RangeOptions>,
+    /// Form of the broadcast belief.
+    pub packet: PacketKind,
+    /// Process noise and priors.
+    pub drift: Drift,
+}
+
+/// Soundings that share a chart error when a vehicle hardly moves: enough to make one count for nothing.
+const MOST_SHARED: f64 = 1e6;
+
+/// No echo sounder is better than a millimetre, m.
+const LEAST_SIGMA_M: f64 = 1e-3;
+
+/// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) linear states.
+pub struct Mpf<const K: usize> {
+    own: VehicleId,
+    options: MpfOptions,
+    chart: Option<Arc<Chart>>,
+    state: State<K>,
+    scratch: Scratch,
+}
+
+#[derive(Serialize, Deserialize)]
+struct State<const K: usize> {
+    core: ParticleCore<K>,
+    radio: Radio,
+    /// Travelled distance at the last sounding used, m.
+    sounded_at_m: Option<f64>,
+    health: f64,
+    alarms: u64,
+    last_alarm_ns: Option<i64>,
+}
+
+#[derive(Default)]
+struct Scratch {
+    here: Pattern,
+    depth: Vec<f64>,
+    correction: Vec<f64>,
+    variance: Vec<f64>,
+}
+
+impl<const K: usize> Mpf<K> {
+    /// A navigator for vehicle `own` in a team of `vehicles`.
+    ///
+    /// # Errors
+    /// Options outside their bounds.
+    pub fn new(
+        own: VehicleId,
+        vehicles: usize,
+        options: MpfOptions,
+        chart: Option<Arc<Chart>>,
+        sound_speed_mps: f64,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        options.validate()?;
+        Ok(Self {
+            own,
+            options,
+            chart,
+            state: State {
+                core: ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?,
+                radio: Radio::new(own, vehicles, sound_speed_mps)?,
+                sounded_at_m: None,
+                health: 1.0,
+                alarms: 0,
+                last_alarm_ns: None,
+            },
+            scratch: Scratch::default(),
+        })
+    }
+
+    /// How often the health monitor spread the cloud.
+    #[must_use]
+    pub fn alarms(&self) -> u64 {
+        self.state.alarms
+    }
+
+    fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
+        let core = &mut self.state.core;
+        let fresh = !core.started();
+        let outcome = core.fix(position_m, covariance_m2);
+        if fresh {
+            core.cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
+        }
+        self.resample();
+        outcome
+    }
+
+    /// One sounding: lookup, offset update, tempered weights, health, resampling.
+    fn sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> Outcome {
+        let core = &mut self.state.core;
+        let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
+            return Outcome::Noted;
+        };
+        let travelled_m = trajectory.travelled_m();
+        let apart_m = self.state.sounded_at_m.map(|at| travelled_m - at);
+        if apart_m.is_some_and(|d| d < self.options.sounding_spacing_m) {
+            return Outcome::Noted;
+        }
+        let correlation_m = self.options.correlation_length_m.unwrap_or(chart.correlation_length_m());
+        let shared = apart_m.map_or(1.0, |d| (2.0 * correlation_m / d.max(1e-9)).clamp(1.0, MOST_SHARED));
+        let model = OffsetModel {
+            sigma_m: self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).max(LEAST_SIGMA_M),
+            shared,
+            dof: self.options.student_dof,
+        };
+
+        let q = self.options.sigma_offset_m_per_sounding.powi(2);
+        let cloud = &mut core.cloud;
+        self.scratch.look_up(chart, &cloud.east, &cloud.north);
+        let mut column = cloud.likelihood_column();
+        let mut health = Health::default();
+        for (i, log_likelihood) in column.iter_mut().enumerate() {
+            let depth = self.scratch.depth[i];
+            let prior = cloud.offset_variance[i] + q;
+            if depth.is_nan() {
+                *log_likelihood = f64::NAN;
+                self.scratch.correction[i] = 0.0;
+                self.scratch.variance[i] = cloud.offset_variance[i];
+                continue;
+            }
+            let sigma_map_m =
+                self.options.sigma_map_m.unwrap_or_else(|| chart.sigma_map_at(cloud.east[i], cloud.north[i]));
+            let innovation = water_depth_m - depth - cloud.offset[i];
+            let (l, correction, variance) = model.update(innovation, prior, sigma_map_m);
+            *log_likelihood = l;
+            self.scratch.correction[i] = correction;
+            self.scratch.variance[i] = variance;
+            let s = prior + model.sigma_m * model.sigma_m + sigma_map_m * sigma_map_m;
+            health.add(cloud.weights()[i], innovation, s);
+        }
+        if !core.fill_holes(&mut column) {
+            core.rejected += 1;
+            return Outcome::Gated;
+        }
+        self.state.sounded_at_m = Some(travelled_m);
+        for (b, c) in core.cloud.offset.iter_mut().zip(&self.scratch.correction) {
+            *b += c;
+        }
+        core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
+        core.cloud.reweight(column);
+        if !self.watch(health.statistic()) {
+            self.resample();
+        }
+        Outcome::Fused
+    }
+
+    /// Health monitor; true after an alarm, when the cloud was spread.
+    fn watch(&mut self, statistic: f64) -> bool {
+        let (Some(monitor), Some(now_ns)) = (self.options.monitor, self.state.core.now_ns()) else {
+            return false;
+        };
+        let state = &mut self.state;
+        state.health += monitor.forgetting * (statistic.min(monitor.clip) - state.health);
+        let since_s = state.last_alarm_ns.map_or(f64::INFINITY, |last| seconds(now_ns - last));
+        if state.health <= monitor.alarm || since_s < monitor.quiet_s {
+            return false;
+        }
+        let position_m = if since_s < monitor.repeat_s { monitor.repeat_spread_m } else { monitor.spread_m };
+        let mut linear = [0.0; K];
+        linear[..2].fill(monitor.spread_current_mps);
+        let stream = state.core.next_stream(Purpose::Recovery);
+        let cloud = &mut state.core.cloud;
+        cloud.equalise();
+        cloud.spread(position_m, linear, &stream);
+        cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
+        state.health = 1.0;
+        state.alarms += 1;
+        state.last_alarm_ns = Some(now_ns);
+        true
+    }
+
+    fn resample(&mut self) {
+        let core = &mut self.state.core;
+        if core.cloud.ess() <= self.options.resample_share * core.cloud.len() as f64 {
+            let stream = core.next_stream(Purpose::Resample);
+            core.cloud.resample(&stream);
+            let stream = core.next_stream(Purpose::Jitter);
+            core.cloud.liu_west(&stream);
+        }
+    }
+
+    fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
+        let Some(range) = self.options.range else { return Outcome::Noted };
+        let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
+            self.state.core.rejected += 1;
+            return Outcome::Rejected;
+        };
+        let outcome = self.state.core.range(&heard, toa_ns, &range);
+        if outcome == Outcome::Fused {
+            self.resample();
+        }
+        outcome
+    }
+}
+
+impl MpfOptions {
+    fn validate(&self) -> Result<(), Error> {
+        positive("resample_share", self.resample_share)?;
+        if let Some(sigma) = self.sigma_depth_m {
+            positive("sigma_depth_m", sigma)?;
+        }
+        positive("sigma_offset0_m", self.sigma_offset0_m)?;
+        non_negative("sigma_offset_m_per_sounding", self.sigma_offset_m_per_sounding)?;
+        if self.student_dof.is_nan() || self.student_dof <= 0.0 {
+            return Err(Error::OutOfBound {
+                quantity: "student_dof",
+                value: self.student_dof,
+                bound: "above 0",
+            });
+        }
+        if let Some(length) = self.correlation_length_m {
+            non_negative("correlation_length_m", length)?;
+        }
+        if let Some(sigma) = self.sigma_map_m {
+            non_negative("sigma_map_m", sigma)?;
+        }
+        non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
+        if let Some(range) = &self.range {
+            positive("sigma_range_m", range.sigma_m)?;
+        }
+        Ok(())
+    }
+}
+
+impl Scratch {
+    /// Depth under each particle, NaN where there is none.
+    fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
+        let n = east.len();
+        for column in [&mut self.depth, &mut self.correction, &mut self.variance] {
+            column.resize(n, 0.0);
+        }
+        let grid = chart.grid();
+        self.here.set(&grid, std::iter::once([0.0, 0.0]));
+        let depth = &mut self.depth;
+        let inside = pattern_depths(&grid, &self.here, east, north, |first, count, _, depths| {
+            for (out, d) in depth[first..first + count].iter_mut().zip(depths) {
+                *out = f64::from(*d);
+            }
+        });
+        if !inside {
+            for ((out, e), n) in self.depth.iter_mut().zip(east).zip(north) {
+                *out = bilinear(&grid, *e, *n);
+            }
+        }
+    }
+}
+
+/// Weighted moments of the innovation, for ν̄² / (S + Var_w(h + b)).
+#[derive(Default)]
+struct Health {
+    weight: f64,
+    mean: f64,
+    square: f64,
+    s: f64,
+}
+
+impl Health {
+    fn add(&mut self, weight: f64, innovation: f64, s: f64) {
+        self.weight += weight;
+        self.mean += weight * innovation;
+        self.square += weight * innovation * innovation;
+        self.s += weight * s;
+    }
+
+    fn statistic(&self) -> f64 {
+        let mean = self.mean / self.weight;
+        let spread = (self.square / self.weight - mean * mean).max(0.0);
+        let statistic = mean * mean / (self.s / self.weight + spread);
+        if statistic.is_finite() { statistic } else { 0.0 }
+    }
+}
+
+impl<const K: usize> Navigator for Mpf<K> {
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_event(event, self.own, self.state.core.now_ns())?;
+        self.state.radio.check_sender(&event.payload)?;
+        self.state.core.advance(event.t_ns);
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.state.core.velocity_mps = *velocity_mps;
+                Ok(Outcome::Fused)
+            }
+            Payload::Depth { depth_m, .. } => {
+                self.state.radio.set_depth(*depth_m);
+                Ok(Outcome::Fused)
+            }
+            Payload::Fix { position_m, covariance_m2 } => Ok(self.fix(*position_m, *covariance_m2)),
+            Payload::WaterDepth { water_depth_m, sigma_m } => Ok(self.sounding(*water_depth_m, *sigma_m)),
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
+            }
+            _ => Ok(Outcome::Noted),
+        }
+    }
+
+    fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
+        if self.options.range.is_none() || !self.state.core.started() {
+            return Ok(None);
+        }
+        let estimate = self.state.core.estimate(tol_ns);
+        self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
+    }
+
+    fn estimate(&self, t_ns: i64) -> Estimate {
+        self.state.core.estimate(t_ns)
+    }
+
+    fn snapshot(&self) -> Result<Vec<u8>, Error> {
+        save(&self.state)
+    }
+
+    fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
+        self.state = load(snapshot)?;
+        Ok(())
+    }
+
+    fn particles(&self) -> Option<Particles> {
+        self.state.core.particles()
+    }
+}

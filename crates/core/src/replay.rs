@@ -1,0 +1,332 @@
+//! The event loop of a team: order, channel, transmit, receive, record.
+//!
+//! The next thing to happen is the least of the next event, the next transmit slot, the next packet to be decoded and
+//! the next instant to record, in the order (time, class, vehicle, arrival). Losses belong to the mission: each
+//! opportunity carries one uniform draw per frame, and a packet arrives if every frame that *this* packet needs
+//! survives.
+
+mod record;
+mod team;
+
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+pub use record::{CloudRecord, PacketRecord, Record, Tracks};
+pub use team::Team;
+
+use crate::error::{Error, finite};
+use crate::event::{Class, Event, Payload, VehicleId};
+use crate::link::{LinkConfig, Slot, SlotTable};
+use crate::navigator::Outcome;
+use crate::navigator::common::{load, save};
+
+/// A signal that could be heard: where the mission decides what the channel does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Opportunity {
+    /// Launch, ns: names the slot.
+    pub tol_ns: i64,
+    /// Who launches.
+    pub sender: VehicleId,
+    /// Who could hear it.
+    pub receiver: VehicleId,
+    /// Measured arrival of the signal's start, ns.
+    pub toa_ns: i64,
+    /// Chance of one frame.
+    pub survive_probability: f64,
+    /// One uniform draw per frame.
+    pub draws: Vec<f64>,
+}
+
+/// The navigators' half of a mission: everything but the truth.
+#[derive(Debug, Clone)]
+pub struct Mission {
+    vehicles: usize,
+    link: LinkConfig,
+    events: Vec<Event>,
+    slots: SlotTable,
+    opportunities: Vec<Opportunity>,
+    end_ns: i64,
+}
+
+impl Mission {
+    /// Checks and orders a mission.
+    ///
+    /// # Errors
+    /// An event that no honest source could send, an unknown vehicle, an opportunity without a slot, or a probability
+    /// or draw outside 0 to 1.
+    pub fn new(
+        vehicles: usize,
+        link: LinkConfig,
+        mut events: Vec<Event>,
+        slots: Vec<Slot>,
+        mut opportunities: Vec<Opportunity>,
+        end_ns: i64,
+    ) -> Result<Self, Error> {
+        let known = |vehicle: VehicleId| {
+            if usize::from(vehicle) < vehicles {
+                Ok(())
+            } else {
+                Err(Error::UnknownVehicle { vehicle, count: vehicles })
+            }
+        };
+        for event in &events {
+            known(event.vehicle)?;
+            event.payload.validate()?;
+        }
+        let slots = SlotTable::new(slots)?;
+        for slot in slots.slots() {
+            known(slot.sender)?;
+        }
+        for o in &opportunities {
+            known(o.sender)?;
+            known(o.receiver)?;
+            slots.check_packet(o.sender, o.tol_ns, 0)?;
+            for value in std::iter::once(&o.survive_probability).chain(&o.draws) {
+                finite("survive probability or draw", *value)?;
+                if !(0.0..=1.0).contains(value) {
+                    return Err(Error::OutOfBound {
+                        quantity: "survive probability or draw",
+                        value: *value,
+                        bound: "0 to 1",
+                    });
+                }
+            }
+            if o.toa_ns < o.tol_ns {
+                return Err(Error::OutOfBound {
+                    quantity: "travel time (toa − tol), s",
+                    value: (o.toa_ns - o.tol_ns) as f64 * 1e-9,
+                    bound: "0 and above",
+                });
+            }
+        }
+        events.sort_by_key(|e| (e.t_ns, e.payload.class(), e.vehicle));
+        opportunities.sort_by_key(|o| (o.tol_ns, o.receiver));
+        Ok(Self { vehicles, link, events, slots, opportunities, end_ns })
+    }
+
+    /// Number of vehicles.
+    #[must_use]
+    pub fn vehicles(&self) -> usize {
+        self.vehicles
+    }
+
+    /// The link.
+    #[must_use]
+    pub fn link(&self) -> &LinkConfig {
+        &self.link
+    }
+
+    /// End of the mission, ns.
+    #[must_use]
+    pub fn end_ns(&self) -> i64 {
+        self.end_ns
+    }
+
+    /// Opportunities in order of launch.
+    #[must_use]
+    pub fn opportunities(&self) -> &[Opportunity] {
+        &self.opportunities
+    }
+
+    fn opportunities_of(&self, slot: &Slot) -> &[Opportunity] {
+        let start = self.opportunities.partition_point(|o| o.tol_ns < slot.tol_ns);
+        let end = self.opportunities.partition_point(|o| o.tol_ns <= slot.tol_ns);
+        &self.opportunities[start..end]
+    }
+}
+
+/// A packet on its way to being decoded.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+struct Arrival {
+    t_ns: i64,
+    receiver: VehicleId,
+    order: u64,
+    sender: VehicleId,
+    tol_ns: i64,
+    toa_ns: i64,
+    record: usize,
+    bytes: Arc<[u8]>,
+}
+
+/// Where a replay stands; all of it goes into a snapshot.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct Cursor {
+    event: usize,
+    slot: usize,
+    sample: usize,
+    order: u64,
+    in_flight: BinaryHeap<Reverse<Arrival>>,
+}
+
+/// One team replaying one mission.
+pub struct Replay {
+    mission: Arc<Mission>,
+    team: Team,
+    cursor: Cursor,
+    record: Record,
+}
+
+/// What happens next.
+enum Next {
+    Event,
+    Arrival,
+    Slot,
+    Sample,
+}
+
+impl Replay {
+    /// A team at the start of a mission; `sample_ns` are the instants to record (ascending), every `cloud_every`-th of
+    /// them with particles (0: none).
+    ///
+    /// # Errors
+    /// [`Error::Length`] if team and mission differ in size.
+    pub fn new(
+        mission: Arc<Mission>,
+        team: Team,
+        sample_ns: Arc<[i64]>,
+        cloud_every: usize,
+    ) -> Result<Self, Error> {
+        if let Some(found) = team.size()
+            && found != mission.vehicles
+        {
+            return Err(Error::Length { quantity: "team of navigators", found, expected: mission.vehicles });
+        }
+        let record = Record::new(mission.vehicles, sample_ns, cloud_every);
+        Ok(Self { mission, team, cursor: Cursor::default(), record })
+    }
+
+    /// Runs until everything before `until_ns` has happened.
+    ///
+    /// # Errors
+    /// What a navigator refuses.
+    pub fn run_until(&mut self, until_ns: i64) -> Result<(), Error> {
+        while let Some(next) = self.next(until_ns) {
+            match next {
+                Next::Event => self.event()?,
+                Next::Arrival => self.arrival()?,
+                Next::Slot => self.slot()?,
+                Next::Sample => self.record.sample(&self.team, &mut self.cursor.sample),
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs to the end.
+    ///
+    /// # Errors
+    /// What a navigator refuses.
+    pub fn run(&mut self) -> Result<(), Error> {
+        self.run_until(i64::MAX)
+    }
+
+    /// The record, given up.
+    #[must_use]
+    pub fn into_tracks(self) -> Tracks {
+        self.record.into_tracks()
+    }
+
+    /// Everything that determines what comes next, and what was recorded so far.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`].
+    pub fn snapshot(&self) -> Result<Vec<u8>, Error> {
+        save(&(&self.cursor, self.team.snapshot()?, &self.record))
+    }
+
+    /// Takes up a snapshot made with the same mission and team.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`].
+    pub fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
+        let (cursor, team, record): (Cursor, Vec<Vec<u8>>, Record) = load(snapshot)?;
+        if cursor.event > self.mission.events.len() || !record.fits(&self.record) {
+            return Err(Error::Snapshot("made with another mission".into()));
+        }
+        self.team.restore(&team)?;
+        self.cursor = cursor;
+        self.record = record;
+        Ok(())
+    }
+
+    /// The least of the four heads that is due before `until_ns`.
+    fn next(&self, until_ns: i64) -> Option<Next> {
+        let c = &self.cursor;
+        let event = self.mission.events.get(c.event).map(|e| (e.t_ns, e.payload.class() as u8, Next::Event));
+        let arrival = c.in_flight.peek().map(|Reverse(a)| (a.t_ns, Class::Reception as u8, Next::Arrival));
+        let slot =
+            self.mission.slots.slots().get(c.slot).map(|s| (s.tol_ns, Class::Transmit as u8, Next::Slot));
+        let sample = self.record.sample_at(c.sample).map(|t| (t, u8::MAX, Next::Sample));
+        [event, arrival, slot, sample]
+            .into_iter()
+            .flatten()
+            .filter(|head| head.0 < until_ns)
+            .min_by_key(|head| (head.0, head.1))
+            .map(|head| head.2)
+    }
+
+    fn event(&mut self) -> Result<(), Error> {
+        let event = &self.mission.events[self.cursor.event];
+        self.team.handle(event)?;
+        self.cursor.event += 1;
+        Ok(())
+    }
+
+    fn arrival(&mut self) -> Result<(), Error> {
+        let Some(Reverse(arrival)) = self.cursor.in_flight.pop() else { return Ok(()) };
+        let Arrival { t_ns, receiver, sender, tol_ns, toa_ns, record, bytes, .. } = arrival;
+        let payload = Payload::Reception { sender, tol_ns, toa_ns, bytes };
+        let outcome = self.team.handle(&Event { t_ns, vehicle: receiver, payload })?;
+        self.record.accepted(record, outcome == Outcome::Fused);
+        if self.team.needs_delivery_oracle(sender) {
+            self.team.handle(&Event {
+                t_ns,
+                vehicle: sender,
+                payload: Payload::Delivered { tol_ns, to: receiver },
+            })?;
+        }
+        Ok(())
+    }
+
+    /// A transmit slot: ask for the packet, and let the mission's draws say who hears it.
+    fn slot(&mut self) -> Result<(), Error> {
+        let slot = self.mission.slots.slots()[self.cursor.slot];
+        self.cursor.slot += 1;
+        let Some(bytes) = self.team.transmit(&slot)? else { return Ok(()) };
+        let length = self.team.packet_length(&bytes);
+        self.mission.slots.check_packet(slot.sender, slot.tol_ns, length)?;
+        let frames = self.mission.link.frames_needed(length)?;
+        let air_time_ns = self.mission.link.air_time_ns(length)?;
+        self.record.sent(slot.sender, slot.tol_ns, length);
+        for o in self.mission.opportunities_of(&slot) {
+            let survives = |k| o.draws.get(k).is_some_and(|draw| *draw < o.survive_probability);
+            let received = (0..frames).all(survives);
+            let record = self.record.packet(PacketRecord {
+                sender: o.sender,
+                receiver: o.receiver,
+                tol_ns: o.tol_ns,
+                toa_ns: o.toa_ns,
+                bytes: length as u32,
+                frames: frames as u32,
+                received,
+                accepted: false,
+            });
+            if received {
+                self.cursor.order += 1;
+                self.cursor.in_flight.push(Reverse(Arrival {
+                    t_ns: o.toa_ns + air_time_ns,
+                    receiver: o.receiver,
+                    order: self.cursor.order,
+                    sender: o.sender,
+                    tol_ns: o.tol_ns,
+                    toa_ns: o.toa_ns,
+                    record,
+                    bytes: bytes.clone(),
+                }));
+            }
+        }
+        Ok(())
+    }
+}

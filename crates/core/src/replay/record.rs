@@ -1,0 +1,178 @@
+//! What a replay writes down: estimates in columns, packets, clouds.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::Team;
+use crate::event::VehicleId;
+use crate::navigator::{Estimate, Status};
+
+/// One packet at one receiver.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct PacketRecord {
+    /// Who sent it.
+    pub sender: VehicleId,
+    /// Who could hear it.
+    pub receiver: VehicleId,
+    /// Launch, ns.
+    pub tol_ns: i64,
+    /// Arrival of the signal's start, ns.
+    pub toa_ns: i64,
+    /// Length.
+    pub bytes: u32,
+    /// Frames it took.
+    pub frames: u32,
+    /// Whether all frames survived.
+    pub received: bool,
+    /// Whether the receiver used it.
+    pub accepted: bool,
+}
+
+/// Particles of one vehicle at one instant, single precision: for pictures.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CloudRecord {
+    /// When, ns.
+    pub t_ns: i64,
+    /// Whose.
+    pub vehicle: VehicleId,
+    /// [east, north] of each particle, m.
+    pub positions_m: Vec<[f32; 2]>,
+    /// Normalised weights.
+    pub weights: Vec<f32>,
+}
+
+/// The finished record. Columns are (vehicle, sample) in row-major order.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Tracks {
+    /// Vehicles.
+    pub vehicles: usize,
+    /// Instants, ns.
+    pub t_ns: Vec<i64>,
+    /// [east, north], m.
+    pub mean_m: Vec<[f64; 2]>,
+    /// [ee, en, nn], m².
+    pub covariance_m2: Vec<[f64; 3]>,
+    /// NaN where not estimated, rad.
+    pub yaw_rad: Vec<f64>,
+    /// [yaw–east, yaw–north, yaw–yaw].
+    pub yaw_covariance: Vec<[f64; 3]>,
+    /// NaN for navigators without particles.
+    pub ess: Vec<f64>,
+    /// Gated measurements and rejected packets so far.
+    pub rejected: Vec<u64>,
+    /// Whether the vehicle said it had no chart to go by.
+    pub off_chart: Vec<bool>,
+    /// (vehicle, TOL, bytes) of every packet sent.
+    pub sent: Vec<(VehicleId, i64, u32)>,
+    /// Every packet at every receiver.
+    pub packets: Vec<PacketRecord>,
+    /// Particles.
+    pub clouds: Vec<CloudRecord>,
+}
+
+/// The record while it grows.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Record {
+    tracks: Tracks,
+    sample_ns: Arc<[i64]>,
+    cloud_every: usize,
+}
+
+impl Record {
+    /// An empty record.
+    #[must_use]
+    pub fn new(vehicles: usize, sample_ns: Arc<[i64]>, cloud_every: usize) -> Self {
+        let n = vehicles * sample_ns.len();
+        let tracks = Tracks {
+            vehicles,
+            t_ns: sample_ns.to_vec(),
+            mean_m: vec![[f64::NAN; 2]; n],
+            covariance_m2: vec![[f64::NAN; 3]; n],
+            yaw_rad: vec![f64::NAN; n],
+            yaw_covariance: vec![[f64::NAN; 3]; n],
+            ess: vec![f64::NAN; n],
+            rejected: vec![0; n],
+            off_chart: vec![false; n],
+            ..Tracks::default()
+        };
+        Self { tracks, sample_ns, cloud_every }
+    }
+
+    /// The next instant to record.
+    #[must_use]
+    pub fn sample_at(&self, cursor: usize) -> Option<i64> {
+        self.sample_ns.get(cursor).copied()
+    }
+
+    /// Whether both records are of the same instants.
+    #[must_use]
+    pub fn fits(&self, other: &Self) -> bool {
+        self.sample_ns == other.sample_ns && self.tracks.vehicles == other.tracks.vehicles
+    }
+
+    /// Writes down every vehicle's estimate at the cursor's instant and moves the cursor.
+    pub fn sample(&mut self, team: &Team, cursor: &mut usize) {
+        let t_ns = self.sample_ns[*cursor];
+        for vehicle in 0..self.tracks.vehicles {
+            let at = vehicle * self.sample_ns.len() + *cursor;
+            self.put(at, &team.estimate(vehicle, t_ns));
+            if self.cloud_every > 0 && cursor.is_multiple_of(self.cloud_every) {
+                self.cloud(team, vehicle, t_ns);
+            }
+        }
+        *cursor += 1;
+    }
+
+    fn put(&mut self, at: usize, estimate: &Estimate) {
+        let tracks = &mut self.tracks;
+        tracks.mean_m[at] = estimate.mean_m;
+        tracks.covariance_m2[at] = estimate.covariance_m2;
+        if let Some((yaw_rad, covariance)) = estimate.yaw {
+            tracks.yaw_rad[at] = yaw_rad;
+            tracks.yaw_covariance[at] = covariance;
+        }
+        tracks.ess[at] = estimate.ess.unwrap_or(f64::NAN);
+        tracks.rejected[at] = estimate.rejected;
+        tracks.off_chart[at] = estimate.status == Status::OffChart;
+    }
+
+    fn cloud(&mut self, team: &Team, vehicle: usize, t_ns: i64) {
+        let Some(particles) = team.particles(vehicle) else { return };
+        self.tracks.clouds.push(CloudRecord {
+            t_ns,
+            vehicle: vehicle as VehicleId,
+            positions_m: particles
+                .east
+                .iter()
+                .zip(&particles.north)
+                .map(|(e, n)| [*e as f32, *n as f32])
+                .collect(),
+            weights: particles.weights.iter().map(|w| *w as f32).collect(),
+        });
+    }
+
+    /// Writes down that a packet was launched.
+    pub fn sent(&mut self, sender: VehicleId, tol_ns: i64, bytes: usize) {
+        self.tracks.sent.push((sender, tol_ns, bytes as u32));
+    }
+
+    /// Writes down a packet at one receiver; the index is for [`Record::accepted`].
+    pub fn packet(&mut self, packet: PacketRecord) -> usize {
+        self.tracks.packets.push(packet);
+        self.tracks.packets.len() - 1
+    }
+
+    /// Writes down whether the receiver used it.
+    pub fn accepted(&mut self, index: usize, accepted: bool) {
+        if let Some(packet) = self.tracks.packets.get_mut(index) {
+            packet.accepted = accepted;
+        }
+    }
+
+    /// The finished record.
+    #[must_use]
+    pub fn into_tracks(self) -> Tracks {
+        self.tracks
+    }
+}

@@ -1,0 +1,25 @@
+//! `uwcoop._native`: checks arguments, releases the GIL, calls the core, maps errors. No arithmetic.
+
+use pyo3::prelude::*;
+
+mod chart;
+mod errors;
+mod event;
+mod kernels;
+mod mission;
+mod navigators;
+mod python_navigator;
+mod replay;
+
+/// The compiled core of uwcoop.
+#[pymodule]
+fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<chart::Chart>()?;
+    module.add_class::<event::Event>()?;
+    module.add_class::<navigators::Estimate>()?;
+    module.add_class::<navigators::Navigator>()?;
+    module.add_class::<mission::Mission>()?;
+    module.add_class::<replay::Replay>()?;
+    module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
+    kernels::register(module)
+}

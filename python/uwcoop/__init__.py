@@ -1,0 +1,48 @@
+"""Cooperative localisation of underwater vehicles: simulate, replay and compare navigators.
+
+The public names load on first use, so that `import uwcoop` stays fast and optional dependencies stay optional.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from uwcoop import kernels, navigators
+    from uwcoop.charts import Chart, load_chart
+    from uwcoop.missionlog import MissionLog
+    from uwcoop.missionlog.mcap import load_log
+    from uwcoop.run import run
+    from uwcoop.simulate import simulate
+    from uwcoop.study import study
+
+__all__ = [
+    "Chart",
+    "MissionLog",
+    "kernels",
+    "load_chart",
+    "load_log",
+    "navigators",
+    "run",
+    "simulate",
+    "study",
+]
+
+_HOME = {
+    "Chart": "uwcoop.charts",
+    "MissionLog": "uwcoop.missionlog",
+    "load_chart": "uwcoop.charts",
+    "load_log": "uwcoop.missionlog.mcap",
+    "run": "uwcoop.run",
+    "simulate": "uwcoop.simulate",
+    "study": "uwcoop.study",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    if name in {"kernels", "navigators"}:
+        return import_module(f"uwcoop.{name}")
+    raise AttributeError(f"module 'uwcoop' has no attribute {name!r}")

@@ -1,0 +1,300 @@
+"""The chart: an immutable grid of water depths in the local frame, with the quality of its own depths."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import struct
+import zipfile
+import zlib
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uwcoop.errors import ChartError
+from uwcoop.missionlog.model import Origin
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+_MAGIC = b"uwcoop-chart-1\x00"
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """Water depth on a square, node-registered grid in local ENU metres.
+
+    Row i lies at northing `north0_m + i * cell_m` (south first), column j at easting `east0_m + j * cell_m`.
+    The arrays are copied on construction and cannot be written to. Two charts are equal when their geometry,
+    depths and quality are, whatever their names and notes.
+
+    Attributes:
+        depth_m: float32 (rows, cols), metres, positive down; NaN is a hole.
+        east0_m: easting of the first column, metres.
+        north0_m: northing of the first row, metres.
+        cell_m: distance between neighbouring nodes, metres, > 0.
+        sigma_map_m: standard deviation of the chart's own error, metres: one number or float32 (rows, cols);
+            0 for a perfect chart.
+        correlation_length_m: distance over which that error keeps its value, metres; 0 for a perfect chart.
+        origin: where on Earth the local frame's zero lies, as far as it is known.
+        name: for titles and tables.
+        notes: what was assumed while the chart was read or made, one sentence each, to be printed.
+
+    Raises:
+        ChartError: a grid smaller than 2 x 2, all holes, a cell that is not positive, anything not finite.
+    """
+
+    depth_m: NDArray[np.float32]
+    east0_m: float
+    north0_m: float
+    cell_m: float
+    sigma_map_m: float | NDArray[np.float32] = 0.0
+    correlation_length_m: float = 0.0
+    origin: Origin = field(default_factory=Origin)
+    name: str = "chart"
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        set_field = object.__setattr__
+        set_field(self, "depth_m", _frozen_grid(self.depth_m))
+        for name in ("east0_m", "north0_m", "cell_m", "correlation_length_m"):
+            set_field(self, name, float(getattr(self, name)))
+        if np.ndim(self.sigma_map_m) == 0:
+            set_field(self, "sigma_map_m", float(self.sigma_map_m))
+        else:
+            set_field(self, "sigma_map_m", _frozen_grid(self.sigma_map_m))
+        set_field(self, "notes", tuple(self.notes))
+        self._validate()
+
+    def _validate(self) -> None:
+        shape = self.depth_m.shape
+        if len(shape) != 2 or min(shape) < 2:
+            raise ChartError(f"chart grid of shape {shape} is smaller than 2 x 2 nodes")
+        if np.isinf(self.depth_m).any():
+            raise ChartError("chart depth holds infinite values: every depth must be finite or a hole (NaN)")
+        if not np.isfinite(self.depth_m).any():
+            raise ChartError(f"chart of {shape[0]} x {shape[1]} nodes holds no depth: all are holes")
+        if not (np.isfinite(self.cell_m) and self.cell_m > 0):
+            raise ChartError(f"chart cell {self.cell_m} m must be finite and above 0 m")
+        for name in ("east0_m", "north0_m"):
+            if not np.isfinite(getattr(self, name)):
+                raise ChartError(f"chart {name} {getattr(self, name)} must be finite")
+        if not (np.isfinite(self.correlation_length_m) and self.correlation_length_m >= 0):
+            raise ChartError(
+                f"chart correlation_length_m {self.correlation_length_m} must be finite and at least 0 m"
+            )
+        sigma = np.asarray(self.sigma_map_m)
+        if sigma.ndim and sigma.shape != shape:
+            raise ChartError(f"chart sigma_map_m of shape {sigma.shape} does not match the depths' {shape}")
+        known = sigma[np.isfinite(self.depth_m)] if sigma.ndim else sigma
+        if not (np.isfinite(known).all() and (known >= 0).all()):
+            raise ChartError("chart sigma_map_m must be finite and at least 0 m wherever there is a depth")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of nodes."""
+        rows, cols = self.depth_m.shape
+        return rows, cols
+
+    @property
+    def east_m(self) -> NDArray[np.float64]:
+        """Easting of each column, metres, (cols,)."""
+        return self.east0_m + self.cell_m * np.arange(self.shape[1], dtype=np.float64)
+
+    @property
+    def north_m(self) -> NDArray[np.float64]:
+        """Northing of each row, metres, (rows,), south first."""
+        return self.north0_m + self.cell_m * np.arange(self.shape[0], dtype=np.float64)
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """West, south, east and north of the outermost nodes, metres."""
+        rows, cols = self.shape
+        return (
+            self.east0_m,
+            self.north0_m,
+            self.east0_m + (cols - 1) * self.cell_m,
+            self.north0_m + (rows - 1) * self.cell_m,
+        )
+
+    @cached_property
+    def hole_share(self) -> float:
+        """Share of nodes without a depth, 0 to below 1."""
+        return float(np.isnan(self.depth_m).mean())
+
+    @cached_property
+    def depth_range_m(self) -> tuple[float, float]:
+        """Shallowest and deepest depth, metres."""
+        return float(np.nanmin(self.depth_m)), float(np.nanmax(self.depth_m))
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the canonical content, hexadecimal: same number, same depths at the same places.
+
+        Hashed are, little-endian: a magic string; rows and columns (u32); east0, north0, cell and correlation
+        length (f64); sigma (one f64, or float32 per node, after a byte telling which); depths (float32, row
+        by row from the south). Holes and zeros each have one bit pattern. Name, notes and origin are left
+        out.
+        """
+        digest = hashlib.sha256(_MAGIC)
+        numbers = (self.east0_m, self.north0_m, self.cell_m, self.correlation_length_m)
+        digest.update(struct.pack("<IIdddd", *self.shape, *(x + 0.0 for x in numbers)))
+        if isinstance(self.sigma_map_m, float):
+            digest.update(struct.pack("<Bd", 0, self.sigma_map_m + 0.0))
+        else:
+            digest.update(b"\x01" + _canonical_bytes(self.sigma_map_m))
+        digest.update(_canonical_bytes(self.depth_m))
+        return digest.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return self.sha256 == other.sha256 if isinstance(other, Chart) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self.sha256)
+
+    def depth_at(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Water depth at `points` (N, 2) [east, north] in metres: (N,) metres, bilinear between four nodes.
+
+        NaN off the chart and wherever one of the four nodes is a hole; never a clamp. Points on the last row
+        or column use the cell before it.
+        """
+        return bilinear_depth(self.depth_m, self.east0_m, self.north0_m, self.cell_m, points)
+
+    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Slope at `points` (N, 2): (N, 2) [dh/deast, dh/dnorth], NaN as `depth_at`."""
+        i, j, fe, fn, inside = _cells(
+            self.depth_m.shape, self.east0_m, self.north0_m, self.cell_m, _points(points)
+        )
+        h00, h01, h10, h11 = (self.depth_m[i + a, j + b].astype(float) for a in (0, 1) for b in (0, 1))
+        east = (1 - fn) * (h01 - h00) + fn * (h11 - h10)
+        north = (1 - fe) * (h10 - h00) + fe * (h11 - h01)
+        slope = np.column_stack([east, north]) / self.cell_m
+        slope[~(inside & np.isfinite(h00 + h01 + h10 + h11))] = np.nan
+        return slope
+
+    def sigma_at(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Standard deviation of the chart's error at `points` (N, 2): (N,) metres; NaN off the chart."""
+        if isinstance(self.sigma_map_m, float):
+            depth = self.depth_at(points)
+            return np.where(np.isfinite(depth), self.sigma_map_m, np.nan)
+        return bilinear_depth(self.sigma_map_m, self.east0_m, self.north0_m, self.cell_m, points)
+
+    def to_bytes(self) -> bytes:
+        """Everything in the chart, lossless and compressed; `from_bytes` gives back an equal chart.
+
+        A zip file: `chart.json` (geometry, quality, origin, name, notes) and `depth` (and `sigma`, when it is
+        per node): float32 little-endian, coded as differences along each row of the bit patterns, byte plane
+        by byte plane, because neighbouring depths share their leading bits.
+        """
+        header: dict[str, Any] = {
+            "shape": list(self.shape),
+            "east0_m": self.east0_m,
+            "north0_m": self.north0_m,
+            "cell_m": self.cell_m,
+            "sigma_map_m": self.sigma_map_m if isinstance(self.sigma_map_m, float) else None,
+            "correlation_length_m": self.correlation_length_m,
+            "origin": [self.origin.latitude_deg, self.origin.longitude_deg, self.origin.crs],
+            "name": self.name,
+            "notes": list(self.notes),
+        }
+        members = {"chart.json": json.dumps(header).encode(), "depth": _pack(self.depth_m)}
+        if not isinstance(self.sigma_map_m, float):
+            members["sigma"] = _pack(self.sigma_map_m)
+        buffer = io.BytesIO()
+        with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+            for member, content in members.items():
+                # A fixed date: the same chart gives the same bytes.
+                archive.writestr(
+                    zipfile.ZipInfo(member, (1980, 1, 1, 0, 0, 0)), content, zipfile.ZIP_DEFLATED
+                )
+        return buffer.getvalue()
+
+    @classmethod
+    def from_bytes(cls, content: bytes) -> Chart:
+        """The chart that `to_bytes` wrote.
+
+        Raises:
+            ChartError: the bytes are cut off, changed, or something else.
+        """
+        try:
+            with zipfile.ZipFile(io.BytesIO(content)) as archive:
+                header = json.loads(archive.read("chart.json"))
+                rows, cols = (int(n) for n in header["shape"])
+                depth = _unpack(archive.read("depth"), (rows, cols))
+                sigma = header["sigma_map_m"]
+                return cls(
+                    depth_m=depth,
+                    east0_m=header["east0_m"],
+                    north0_m=header["north0_m"],
+                    cell_m=header["cell_m"],
+                    sigma_map_m=_unpack(archive.read("sigma"), (rows, cols)) if sigma is None else sigma,
+                    correlation_length_m=header["correlation_length_m"],
+                    origin=Origin(*header["origin"]),
+                    name=header["name"],
+                    notes=tuple(header["notes"]),
+                )
+        except ChartError:
+            raise
+        except (zipfile.BadZipFile, zlib.error, KeyError, TypeError, ValueError, EOFError) as error:
+            raise ChartError(f"{len(content)} bytes are not a packed chart: {error}") from error
+
+
+def bilinear_depth(
+    grid: NDArray[Any], east0_m: float, north0_m: float, cell_m: float, points: ArrayLike
+) -> NDArray[np.float64]:
+    """Bilinear lookup in a node-registered grid (rows south first), in float64, as `Chart.depth_at`."""
+    i, j, fe, fn, inside = _cells(grid.shape, east0_m, north0_m, cell_m, _points(points))
+    h00, h01, h10, h11 = (grid[i + a, j + b].astype(np.float64) for a in (0, 1) for b in (0, 1))
+    depth: NDArray[np.float64] = (1 - fn) * ((1 - fe) * h00 + fe * h01) + fn * ((1 - fe) * h10 + fe * h11)
+    depth[~inside] = np.nan
+    return depth
+
+
+def _points(points: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(f"points of shape {array.shape} must be (N, 2): east, north")
+    return array
+
+
+def _cells(
+    shape: tuple[int, ...], east0_m: float, north0_m: float, cell_m: float, points: NDArray[np.float64]
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Row, column and fractions of the cell around each point, and which points lie on the chart."""
+    rows, cols = shape
+    x = (points[:, 0] - east0_m) / cell_m
+    y = (points[:, 1] - north0_m) / cell_m
+    inside = (x >= 0) & (x <= cols - 1) & (y >= 0) & (y <= rows - 1)  # false for NaN
+    x, y = np.where(inside, x, 0.0), np.where(inside, y, 0.0)
+    j = np.minimum(x.astype(np.intp), cols - 2)
+    i = np.minimum(y.astype(np.intp), rows - 2)
+    return i, j, x - j, y - i, inside
+
+
+def _frozen_grid(values: object) -> NDArray[np.float32]:
+    grid = np.array(values, dtype=np.float32, order="C")
+    grid.setflags(write=False)
+    return grid
+
+
+def _canonical_bytes(grid: NDArray[np.float32]) -> bytes:
+    canonical = np.where(np.isnan(grid), np.float32(np.nan), grid + np.float32(0))
+    return canonical.astype("<f4").tobytes()
+
+
+def _pack(grid: NDArray[np.float32]) -> bytes:
+    bits = np.ascontiguousarray(grid, dtype="<f4").view("<u4")
+    steps = np.diff(bits, axis=1, prepend=np.zeros((bits.shape[0], 1), dtype="<u4"))
+    return np.ascontiguousarray(steps).view(np.uint8).reshape(-1, 4).T.tobytes()
+
+
+def _unpack(content: bytes, shape: tuple[int, int]) -> NDArray[np.float32]:
+    rows, cols = shape
+    if len(content) != 4 * rows * cols:
+        raise ValueError(f"{len(content)} bytes of depths do not fill {rows} x {cols} nodes")
+    planes = np.frombuffer(content, dtype=np.uint8).reshape(4, -1)
+    steps = np.ascontiguousarray(planes.T).view("<u4").reshape(shape)
+    return np.cumsum(steps, axis=1, dtype=np.uint32).astype("<u4").view("<f4").astype(np.float32)

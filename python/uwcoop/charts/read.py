@@ -1,0 +1,103 @@
+"""`load_chart`: which reader a file needs, told by its first bytes and not by its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uwcoop.charts.geotiff import read_geotiff
+from uwcoop.charts.netcdf import read_netcdf
+from uwcoop.charts.raster import Quality, chart_from_raster
+from uwcoop.charts.soundings import read_soundings
+from uwcoop.errors import ChartError
+from uwcoop.missionlog.model import Origin
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from os import PathLike
+
+    from uwcoop.charts.chart import Chart
+    from uwcoop.charts.raster import Raster
+
+_TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
+_NETCDF = (b"CDF\x01", b"CDF\x02", b"CDF\x05", b"\x89HDF")
+_ESRI_ASCII = b"ncols"
+
+
+def load_chart(
+    path: str | PathLike[str],
+    *,
+    crs: str | None = None,
+    positive: str | None = None,
+    depth_unit: str | None = None,
+    columns: str | Sequence[str] | None = None,
+    cell_m: float | None = None,
+    sigma_map_m: float | None = None,
+    correlation_length_m: float | None = None,
+    max_gap_m: float | None = None,
+    origin: Origin | tuple[float, float] | None = None,
+) -> Chart:
+    """Read a chart: GeoTIFF, NetCDF (CF, GMT, GEBCO), ESRI ASCII grid, BAG, or soundings as CSV or XYZ text
+    (.gz).
+
+    What the file does not say is found or assumed, and stands in the chart's `notes`. Nodes with no water
+    (depth of zero or less) become holes. Positions become local metres around `origin`: a grid or soundings
+    in a metric projection are shifted, anything else goes to a transverse Mercator centred there.
+
+    Args:
+        path: the file.
+        crs: projection of the positions ("EPSG:32654", WKT, PROJ), or "local" for local metres; None: the
+            file's.
+        positive: "up" or "down", the way the file's numbers grow; None: the file's word, or the values' sign.
+        depth_unit: "m", "ft" or "fathom"; None: the file's, where feet and fathoms are refused.
+        columns: of soundings: their names in the header, or without a header what each is: "lon,lat,depth".
+        cell_m: distance between nodes; None: the grid's own, or after the soundings' density.
+        sigma_map_m: standard deviation of the chart's error; None: 0 for grids, from residuals for soundings.
+        correlation_length_m: of that error; None: 0 for grids, 10 m for soundings.
+        max_gap_m: of soundings: nodes farther than this from all of them are holes; None: 10 m or two cells.
+        origin: latitude and longitude of the local zero, degrees; None: the chart's middle.
+
+    Raises:
+        ChartError: one line that names what is wrong with the file or an argument.
+        MissingDependencyError: the extra `maps` is needed and not installed.
+    """
+    file = Path(path)
+    if not file.exists():
+        raise ChartError(f"chart {file} does not exist")
+    if not file.is_file():
+        raise ChartError(f"chart {file} is not a file")
+    if file.stat().st_size == 0:
+        raise ChartError(f"chart {file} is empty")
+    for label, value in (("sigma_map_m", sigma_map_m), ("correlation_length_m", correlation_length_m)):
+        if value is not None and not (np.isfinite(value) and value >= 0):
+            raise ChartError(f"{label} {value} must be finite and at least 0 m")
+    if isinstance(origin, tuple):
+        origin = Origin(*origin)
+    quality = Quality(sigma_map_m, correlation_length_m)
+    with file.open("rb") as stream:
+        start = stream.read(8)
+    grid_reader = _grid_reader(file, start)
+    if grid_reader is None:
+        return read_soundings(
+            file,
+            crs=crs,
+            positive=positive,
+            depth_unit=depth_unit,
+            columns=columns,
+            cell_m=cell_m,
+            max_gap_m=max_gap_m,
+            origin=origin,
+            quality=quality,
+        )
+    if columns is not None or max_gap_m is not None:
+        raise ChartError(f"{file.name} is a grid: columns and max_gap_m are for soundings")
+    raster = grid_reader(file, crs=crs, positive=positive, depth_unit=depth_unit)
+    return chart_from_raster(raster, name=file.stem, cell_m=cell_m, origin=origin, quality=quality)
+
+
+def _grid_reader(file: Path, start: bytes) -> Callable[..., Raster] | None:
+    if start.startswith(_TIFF) or start[:5].lower() == _ESRI_ASCII or file.suffix.lower() == ".bag":
+        return read_geotiff
+    return read_netcdf if start.startswith(_NETCDF) else None

@@ -1,0 +1,27 @@
+"""The mission log: in memory as columns, on disk as MCAP."""
+
+from uwcoop.missionlog.model import (
+    EVENT_COLUMNS,
+    OPPORTUNITY_COLUMNS,
+    RECEPTION_COLUMNS,
+    SLOT_COLUMNS,
+    Columns,
+    Link,
+    MissionLog,
+    Origin,
+    columns,
+    event_columns,
+)
+
+__all__ = [
+    "EVENT_COLUMNS",
+    "OPPORTUNITY_COLUMNS",
+    "RECEPTION_COLUMNS",
+    "SLOT_COLUMNS",
+    "Columns",
+    "Link",
+    "MissionLog",
+    "Origin",
+    "columns",
+    "event_columns",
+]

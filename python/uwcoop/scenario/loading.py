@@ -1,0 +1,171 @@
+"""Scenario files: packaged ones by name, own ones by path, and overrides of single keys."""
+
+from __future__ import annotations
+
+import copy
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from uwcoop.errors import ScenarioError
+from uwcoop.scenario.base import nearest
+from uwcoop.scenario.chart import SYNTHETIC
+from uwcoop.scenario.models import Scenario
+from uwcoop.scenario.report import one_line
+
+_PACKAGE = files("uwcoop") / "scenarios"
+_BARE_WORD = re.compile(r"[A-Za-z][\w:./-]*")
+
+
+def packaged() -> list[tuple[str, str]]:
+    """Name and description of every packaged scenario, by name."""
+    return [(name, str(_packaged_table(name).get("description", ""))) for name in _packaged_names()]
+
+
+def load(name_or_path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
+    """Read a packaged scenario by its name, or a scenario file (TOML, or JSON as `resolved` gives it) by its
+    path.
+
+    Relative paths inside a file start at the file's folder; in an override, at the working folder.
+
+    Args:
+        name_or_path: e.g. "st-john" or "missions/bay.toml".
+        overrides: "dotted.key=value" each, values in TOML syntax.
+
+    Raises:
+        ScenarioError: one line that names what is wrong.
+    """
+    text = str(name_or_path)
+    if text in _packaged_names():
+        table = _packaged_table(text)
+    else:
+        path = Path(name_or_path)
+        if not path.is_file():
+            known = _packaged_names()
+            raise ScenarioError(f"scenario {text!r} is neither a file nor packaged: {nearest(text, known)}")
+        table = _read(path)
+        _resolve_paths(table, path.resolve().parent)
+    return parse(apply_overrides(table, overrides), text)
+
+
+def parse(table: Mapping[str, Any], where: str = "scenario") -> Scenario:
+    """A scenario from its tables.
+
+    Args:
+        table: as read from TOML, or as `Scenario.resolved` gives it.
+        where: names the source in the error's line.
+
+    Raises:
+        ScenarioError: one line that names what is wrong.
+    """
+    try:
+        return Scenario.model_validate(dict(table))
+    except ValidationError as error:
+        raise ScenarioError(one_line(error, table, where)) from None
+
+
+def apply_overrides(table: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
+    """A copy of scenario tables with single keys set.
+
+    Args:
+        table: scenario tables.
+        overrides: "dotted.key=value" each. The value is TOML (`3`, `0.5`, `true`, `"text"`, `[1, 2]`, `{a =
+            1}`); a bare word is a text. Entries of a list are named by their number or, for tables, by their
+            `name`: `vehicles.1.depth_m=3`, `vehicles.ship.depth_m=0`.
+
+    Raises:
+        ScenarioError: an override that is not of this form.
+    """
+    changed: dict[str, Any] = copy.deepcopy(dict(table))
+    for override in overrides:
+        dotted, equals, text = override.partition("=")
+        keys = [key.strip() for key in dotted.split(".")]
+        if not equals or not all(keys):
+            raise ScenarioError(f"override {override!r} is not of the form dotted.key=value")
+        _set(changed, keys, _value(text.strip(), override), override)
+    return changed
+
+
+def _value(text: str, override: str) -> Any:
+    try:
+        parsed = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        parsed = {}
+    if parsed.keys() == {"value"}:
+        return parsed["value"]
+    if _BARE_WORD.fullmatch(text):
+        return text
+    raise ScenarioError(f'override {override!r}: {text!r} is no TOML value (a text needs quotes: "...")')
+
+
+def _set(table: dict[str, Any], keys: list[str], value: Any, override: str) -> None:
+    at: Any = table
+    for depth, key in enumerate(keys):
+        last = depth == len(keys) - 1
+        if isinstance(at, dict):
+            index: Any = key
+            if not last:
+                at.setdefault(key, {})
+        elif isinstance(at, list):
+            index = _entry(at, key, ".".join(keys[:depth]), override)
+        else:
+            above = ".".join(keys[:depth])
+            raise ScenarioError(f"override {override!r}: '{above}' is {at!r}, not a table")
+        if last:
+            at[index] = value
+        else:
+            at = at[index]
+
+
+def _entry(entries: list[Any], key: str, above: str, override: str) -> int:
+    if key.isdigit() and int(key) < len(entries):
+        return int(key)
+    names = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
+    if key in names:
+        return names.index(key)
+    known = ", ".join(str(name) for name in names if name is not None)
+    raise ScenarioError(
+        f"override {override!r}: '{above}' has no entry {key!r}: "
+        f"0 to {len(entries) - 1}{' or ' + known if known else ''}"
+    )
+
+
+def _packaged_names() -> list[str]:
+    return sorted(
+        entry.name.removesuffix(".toml") for entry in _PACKAGE.iterdir() if entry.name.endswith(".toml")
+    )
+
+
+def _packaged_table(name: str) -> dict[str, Any]:
+    return tomllib.loads((_PACKAGE / f"{name}.toml").read_text(encoding="utf-8"))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        text = path.read_text(encoding="utf-8")
+        table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
+    except (OSError, UnicodeDecodeError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise ScenarioError(f"scenario {path} cannot be read: {reason}") from error
+    if not isinstance(table, dict):
+        raise ScenarioError(f"scenario {path} cannot be read: it is not a table")
+    return table
+
+
+def _resolve_paths(table: dict[str, Any], folder: Path) -> None:
+    """Make the file's own relative paths absolute, in place. Validation names what is malformed."""
+    chart = table.get("chart")
+    source = chart.get("source") if isinstance(chart, dict) else None
+    if isinstance(chart, dict) and isinstance(source, str) and not source.startswith(SYNTHETIC):
+        chart["source"] = str(folder / source)
+    vehicles = table.get("vehicles")
+    for vehicle in vehicles if isinstance(vehicles, list) else []:
+        track = vehicle.get("track") if isinstance(vehicle, dict) else None
+        if isinstance(track, dict) and isinstance(track.get("file"), str):
+            track["file"] = str(folder / track["file"])

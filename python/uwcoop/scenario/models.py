@@ -1,0 +1,105 @@
+"""The scenario: everything about a mission but its seed's draws. The only place for defaults of the world."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+
+from uwcoop.scenario.acoustics import Acoustics
+from uwcoop.scenario.base import NAME, NonNegative, Positive, Table, nearest
+from uwcoop.scenario.chart import ChartSpec
+from uwcoop.scenario.sensors import Sensors
+from uwcoop.scenario.vehicle import Drift, Team, Vehicle
+from uwcoop.scenario.world import Current, NoCurrent, Tide
+
+
+class Metrics(Table):
+    """How results are judged."""
+
+    settle_s: NonNegative = 50.0
+    """Errors count from here on."""
+
+
+def _team_or_list(value: Any) -> str:
+    return "team" if isinstance(value, dict | Team) else "list"
+
+
+Vehicles = Annotated[
+    Annotated[Team, Tag("team")]
+    | Annotated[tuple[Vehicle, ...], Field(strict=False, min_length=1), Tag("list")],
+    Discriminator(_team_or_list),
+]
+
+
+class Scenario(Table):
+    """A mission to be simulated. Made by `load` or `parse`, which say what is wrong in one line."""
+
+    name: Annotated[str, Field(min_length=1, pattern=NAME)]
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
+    """Of the mission, unless the caller gives another."""
+    duration_s: Positive
+    """Whole seconds: the world moves in steps of one."""
+    chart: ChartSpec
+    vehicles: Vehicles
+    drift: Drift = Field(default_factory=lambda: Drift.model_validate({}))
+    current: Current = NoCurrent()
+    tide: Tide = Tide()
+    sensors: Sensors = Sensors()
+    acoustics: Acoustics
+    metrics: Metrics = Metrics()
+    navigator: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    """Options for navigators by name; the navigators check them."""
+
+    @property
+    def team(self) -> tuple[Vehicle, ...]:
+        """The vehicles one by one, each with its drift and sensors: its own, or the scenario's."""
+        if isinstance(self.vehicles, Team):
+            shared = self.vehicles.model_dump(exclude={"count", "prefix", "path"})
+            own = tuple(
+                Vehicle(name=f"{self.vehicles.prefix}{k + 1}", path=self.vehicles.path, **shared)
+                for k in range(self.vehicles.count)
+            )
+        else:
+            own = self.vehicles
+        return tuple(
+            vehicle.model_copy(
+                update={
+                    "drift": vehicle.drift or self.drift,
+                    "sensors": self.sensors.replaced_by(vehicle.sensors),
+                }
+            )
+            for vehicle in own
+        )
+
+    def resolved(self) -> dict[str, Any]:
+        """Every key with its value, defaults included, ready for JSON; `parse` makes the scenario of it."""
+        dump = self.model_dump(mode="json", exclude_none=True)
+        if not isinstance(self.vehicles, Team):
+            team = [vehicle.model_dump(mode="json", exclude_none=True) for vehicle in self.team]
+            for given, vehicle in zip(team, self.vehicles, strict=True):
+                if vehicle.drift is None:
+                    del given["drift"]
+                if vehicle.sensors is None:
+                    del given["sensors"]
+            dump["vehicles"] = team
+        return dump
+
+    @field_validator("duration_s")
+    @classmethod
+    def _whole_seconds(cls, value: float) -> float:
+        if value != round(value) or value > 1e6:
+            raise ValueError(f"is {value:g} s: must be a whole number of seconds up to 1000000")
+        return value
+
+    @model_validator(mode="after")
+    def _names_are_known_and_unique(self) -> Scenario:
+        names = [vehicle.name for vehicle in self.team]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"vehicle name {name!r} is used {names.count(name)} times: must be unique")
+        for name in self.acoustics.order:
+            if name not in names:
+                raise ValueError(f"acoustics.order names {name!r}: no such vehicle, {nearest(name, names)}")
+        return self

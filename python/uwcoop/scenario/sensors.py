@@ -1,0 +1,109 @@
+"""The `[sensors.*]` tables: which sensors, how often, how well. A sensor without a table does not exist."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from uwcoop.scenario.base import NonNegative, Positive, Table
+
+Rate = Annotated[float, Field(ge=0, le=1000)]
+"""Events per second from the start on; 0 switches the sensor off."""
+
+
+class WaterDepthSensor(Table):
+    """Altimeter plus depth sensor: water depth."""
+
+    rate_hz: Rate = 1.0
+    sigma_m: NonNegative = 0.05
+    """Of the sum. For recorded soundings nothing is added; this is what the event states."""
+
+
+class DepthSensor(Table):
+    """Pressure sensor: the vehicle's own depth."""
+
+    rate_hz: Rate = 1.0
+    sigma_m: NonNegative = 0.02
+
+
+class HeadingSensor(Table):
+    """Compass or attitude reference: shares the vehicle's compass bias and adds noise of its own."""
+
+    rate_hz: Rate = 1.0
+    sigma_deg: NonNegative = 0.5
+
+
+class TurnRateSensor(Table):
+    """One-axis gyro."""
+
+    rate_hz: Rate = 1.0
+    sigma_degps: NonNegative = 0.01
+    bias_sigma_degps: NonNegative = 0.0
+    """Drawn for each vehicle and mission."""
+
+
+class GroundVelocitySensor(Table):
+    """DVL with bottom track: velocity over ground in the body frame."""
+
+    rate_hz: Rate = 1.0
+    sigma_mps: NonNegative = 0.05
+    scale_sigma: NonNegative = 0.0
+    """Relative error of the speed, drawn for each vehicle and mission."""
+    misalignment_sigma_deg: NonNegative = 0.0
+    """Clockwise error of the mounting, drawn for each vehicle and mission."""
+
+
+class OdometrySensor(Table):
+    """Displacement and change of yaw since the last event, in the body frame of that last event."""
+
+    rate_hz: Annotated[float, Field(ge=0, le=100)] = 1.0
+    sigma_m_per_sqrt_s: NonNegative = 0.05
+    """On each axis."""
+    sigma_yaw_deg_per_sqrt_s: NonNegative = 0.05
+
+
+class StartFix(Table):
+    """A GPS fix before submerging: uniform in a disc around the true start (Tan et al. 2016, section 5)."""
+
+    at_start: bool = True
+    """False: the vehicle starts without one."""
+    radius_m: Positive = 10.0
+
+
+class Gps(Table):
+    """Periodic GPS fixes, for a vehicle at the surface."""
+
+    rate_hz: Rate = 1.0
+    sigma_m: Positive = 3.0
+    """On each axis."""
+
+
+class Sensors(Table):
+    """All sensors of a vehicle. Those with a default are there unless switched off (`rate_hz = 0`)."""
+
+    fix: StartFix = StartFix()
+    water_depth: WaterDepthSensor = WaterDepthSensor()
+    depth: DepthSensor = DepthSensor()
+    heading: HeadingSensor | None = None
+    turn_rate: TurnRateSensor | None = None
+    ground_velocity: GroundVelocitySensor | None = None
+    odometry: OdometrySensor | None = None
+    gps: Gps | None = None
+
+    @model_validator(mode="after")
+    def _odometry_has_a_covariance(self) -> Sensors:
+        odometry = self.odometry
+        if odometry is not None and odometry.rate_hz > 0:
+            for name in ("sigma_m_per_sqrt_s", "sigma_yaw_deg_per_sqrt_s"):
+                if getattr(odometry, name) == 0:
+                    raise ValueError(
+                        f"odometry.{name} is 0: must be above 0, its covariance is part of the event"
+                    )
+        return self
+
+    def replaced_by(self, other: Sensors | None) -> Sensors:
+        """These sensors with those that `other`'s author gave in their place."""
+        if other is None:
+            return self
+        return self.model_copy(update={name: getattr(other, name) for name in other.model_fields_set})

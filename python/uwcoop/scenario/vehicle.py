@@ -1,0 +1,212 @@
+"""Tables of the vehicles: who they are, where they go, and how their dead reckoning errs."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from uwcoop.scenario.base import NAME, NonNegative, Point, Positive, Table
+from uwcoop.scenario.sensors import Sensors
+
+DRIFT_PRESETS: dict[str, dict[str, float | bool]] = {
+    # Tan, Chitre & Hover (2016), table 1: white position noise and nothing else.
+    "table-1": {
+        "compass_bias_sigma_deg": 0.0, "compass_noise_deg": 0.0,
+        "thrust_bias_sigma_mps": 0.0, "thrust_noise_mps": 0.0,
+        "velocity_noise_m_per_sqrt_s": 0.05,
+        "velocity_bias_sigma_mps": 0.0, "velocity_bias_walk_mps_per_sqrt_s": 0.0,
+        "ground_referenced": False,
+    },
+    # A thruster model and a low-cost compass: 900 s of dead reckoning are about 75 m off on average.
+    "no-dvl": {
+        "compass_bias_sigma_deg": 1.0, "compass_noise_deg": 0.5,
+        "thrust_bias_sigma_mps": 0.05, "thrust_noise_mps": 0.0,
+        "velocity_noise_m_per_sqrt_s": 0.05,
+        "velocity_bias_sigma_mps": 0.12, "velocity_bias_walk_mps_per_sqrt_s": 0.006,
+        "ground_referenced": False,
+    },
+    # Bottom-track velocity and an attitude reference, with what is left of their errors: about 23 m.
+    "dvl": {
+        "compass_bias_sigma_deg": 0.3, "compass_noise_deg": 0.1,
+        "thrust_bias_sigma_mps": 0.005, "thrust_noise_mps": 0.0,
+        "velocity_noise_m_per_sqrt_s": 0.03,
+        "velocity_bias_sigma_mps": 0.04, "velocity_bias_walk_mps_per_sqrt_s": 0.0015,
+        "ground_referenced": True,
+    },
+}  # fmt: skip
+"""What `drift.preset` stands for; a key given beside it wins."""
+
+
+class Drift(Table):
+    """How a vehicle's command differs from what it does. Biases are drawn for each vehicle and mission."""
+
+    preset: Literal["table-1", "no-dvl", "dvl"]
+    compass_bias_deg: float = 0.0
+    """Mean of the compass bias, clockwise: true heading = believed heading + bias."""
+    compass_bias_sigma_deg: NonNegative
+    compass_noise_deg: NonNegative
+    """White, each second."""
+    thrust_bias_mps: float = 0.0
+    """Mean of the thrust bias: true speed through the water = commanded speed + bias."""
+    thrust_bias_sigma_mps: NonNegative
+    thrust_noise_mps: NonNegative
+    """White, each second."""
+    velocity_noise_m_per_sqrt_s: NonNegative
+    """White velocity on each axis: standard deviation of position after one second."""
+    velocity_bias_sigma_mps: NonNegative
+    """A drift of the vehicle's own on each axis of the world, beside the current that the team shares."""
+    velocity_bias_walk_mps_per_sqrt_s: NonNegative
+    ground_referenced: bool
+    """The commanded velocity is over ground (bottom track): the water current is already in it."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill_from_preset(cls, data: Any) -> Any:
+        if not isinstance(data, dict):
+            return data
+        preset = data.get("preset", "table-1")
+        filled = DRIFT_PRESETS.get(preset, {}) if isinstance(preset, str) else {}
+        return {"preset": preset, **filled, **data}
+
+
+class RandomLawnmower(Table):
+    """Back and forth over a random rectangle in the chart: origin, orientation, legs and spacing drawn."""
+
+    kind: Literal["random-lawnmower"] = "random-lawnmower"
+    leg_m: Point = (150.0, 350.0)
+    """Shortest and longest leg."""
+    spacing_m: Point = (25.0, 60.0)
+    """Smallest and largest distance between legs."""
+    margin_m: NonNegative = 25.0
+    """Kept from the chart's edge."""
+    clearance_m: NonNegative = 1.0
+    """Water kept under the vehicle along the planned path, tides aside."""
+
+    @model_validator(mode="after")
+    def _ranges_ascend(self) -> RandomLawnmower:
+        for name in ("leg_m", "spacing_m"):
+            low, high = getattr(self, name)
+            if not 0 < low <= high:
+                raise ValueError(
+                    f"{name} is [{low:g}, {high:g}]: must be two lengths above 0 in ascending order"
+                )
+        return self
+
+
+class Lawnmower(Table):
+    """A given lawn mower. Legs alternate; each is to the right of the one before, seen along the first."""
+
+    kind: Literal["lawnmower"]
+    start_m: Point
+    heading_deg: float
+    """Of the first leg, clockwise from north."""
+    leg_m: Positive
+    spacing_m: Annotated[float, Field(description="negative: legs advance to the left")]
+    legs: Annotated[int, Field(ge=1)]
+
+    @model_validator(mode="after")
+    def _legs_apart(self) -> Lawnmower:
+        if self.spacing_m == 0 and self.legs > 1:
+            raise ValueError("spacing_m is 0: must not be 0 for more than one leg")
+        return self
+
+
+class Waypoints(Table):
+    """Straight lines from waypoint to waypoint."""
+
+    kind: Literal["waypoints"]
+    waypoints_m: Annotated[tuple[Point, ...], Field(strict=False, min_length=2)]
+
+    @model_validator(mode="after")
+    def _points_apart(self) -> Waypoints:
+        for k, (a, b) in enumerate(zip(self.waypoints_m, self.waypoints_m[1:], strict=False)):
+            if a == b:
+                raise ValueError(f"waypoints_m {k} and {k + 1} are the same point [{a[0]:g}, {a[1]:g}]")
+        return self
+
+
+Path = Annotated[RandomLawnmower | Lawnmower | Waypoints, Field(discriminator="kind")]
+
+
+class TrackColumns(Table):
+    """Names of a recorded track's columns. Position is `east` and `north`, or `longitude` and `latitude`."""
+
+    time: str
+    east: str | None = None
+    north: str | None = None
+    longitude: str | None = None
+    latitude: str | None = None
+    sounding: str | None = None
+    """Water depth, metres, positive down; an empty cell is a missing sounding."""
+    depth: str | None = None
+    """The vehicle's own depth below the surface, metres."""
+
+    @model_validator(mode="after")
+    def _one_position(self) -> TrackColumns:
+        local, geographic = (self.east, self.north), (self.longitude, self.latitude)
+        complete = [None not in pair for pair in (local, geographic)]
+        started = [any(name is not None for name in pair) for pair in (local, geographic)]
+        if complete != started or sum(complete) != 1:
+            raise ValueError("needs either east and north, or longitude and latitude")
+        return self
+
+
+class Track(Table):
+    """A recorded track, followed exactly; its soundings, if it has any, replace the simulated ones."""
+
+    file: str
+    """CSV with a header line, relative to the scenario file; `.gz` is read too."""
+    columns: TrackColumns
+    crs: str | None = None
+    """Projection of east and north, e.g. "EPSG:32654"; without it they are the chart's local metres."""
+    time_unit: Literal["s", "ms"] = "s"
+    where: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
+    """Only rows in which these columns hold these values, e.g. one session of a file with many."""
+    start_s: NonNegative = 0.0
+    """How far into the record the mission starts."""
+    max_gap_s: Positive = 120.0
+    """A longer silence in the record is refused; shorter ones become a straight line without soundings."""
+
+
+class VehicleBase(Table):
+    """What vehicles have, one by one or as a team of equals."""
+
+    depth_m: NonNegative = 2.0
+    """Below the surface, held throughout; a recorded track may bring its own."""
+    speed_mps: Positive = 1.5
+    look_ahead_m: Positive = 6.0
+    """Distance ahead on the path at which pure pursuit steers."""
+
+
+class Team(VehicleBase):
+    """`[vehicles]` as one table: `count` vehicles alike, on random paths of their own."""
+
+    count: Annotated[int, Field(ge=1, le=64)]
+    prefix: Annotated[str, Field(min_length=1, pattern=NAME)] = "V"
+    path: RandomLawnmower = RandomLawnmower()
+
+
+class Vehicle(VehicleBase):
+    """One of `[[vehicles]]`."""
+
+    name: Annotated[str, Field(min_length=1, pattern=NAME)]
+    path: Path | None = None
+    track: Track | None = None
+    drift: Drift | None = None
+    """Instead of the scenario's `[drift]`."""
+    sensors: Sensors | None = None
+    """Sensors given here replace the scenario's of the same name; the others stay."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _random_path_unless_told(cls, data: Any) -> Any:
+        if isinstance(data, dict) and "path" not in data and "track" not in data:
+            return {**data, "path": RandomLawnmower()}
+        return data
+
+    @model_validator(mode="after")
+    def _path_or_track(self) -> Vehicle:
+        if (self.path is None) == (self.track is None):
+            raise ValueError(f"vehicle {self.name} has both a path and a track: must have one")
+        return self

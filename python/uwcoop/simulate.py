@@ -1,0 +1,112 @@
+"""Scenario -> `MissionLog`: vehicles move, sensors measure, slots are scheduled; no navigator takes part."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uwcoop import acoustics, sensors
+from uwcoop import scenario as scenarios
+from uwcoop.errors import ScenarioError
+from uwcoop.missionlog.model import MissionLog
+from uwcoop.vehicles import team_motion
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    import xarray as xr
+
+    from uwcoop.charts import Chart
+    from uwcoop.scenario.chart import ChartSpec
+    from uwcoop.scenario.models import Scenario
+    from uwcoop.vehicles import Motion
+
+
+def simulate(
+    scenario: Scenario | str | Path, seed: int | None = None, chart: Chart | None = None
+) -> MissionLog:
+    """Simulate a mission.
+
+    Args:
+        scenario: a `Scenario`, the name of a packaged one, or the path of a scenario file.
+        seed: of the mission, 0 or above; None takes the scenario's.
+        chart: the seabed, and the chart that navigators get; None makes or reads the scenario's.
+
+    Returns:
+        The log: events, slots, opportunities, and the truth apart. The same scenario, chart and seed give the
+        same bits.
+
+    Raises:
+        ScenarioError: a scenario that cannot be simulated.
+        ScheduleError: slots that do not fit the modem.
+        ChartError: a chart that cannot be made or read.
+    """
+    if isinstance(scenario, str | Path):
+        scenario = scenarios.load(scenario)
+    seed = scenario.seed if seed is None else int(seed)
+    if seed < 0:
+        raise ScenarioError(f"seed is {seed}: must be at least 0")
+    names = tuple(vehicle.name for vehicle in scenario.team)
+    slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
+    chart = open_chart(scenario.chart) if chart is None else chart
+    motion = team_motion(scenario, chart, seed)
+    return MissionLog(
+        name=scenario.name,
+        seed=seed,
+        vehicles=names,
+        duration_ns=round(scenario.duration_s) * 1_000_000_000,
+        link=acoustics.link_of(scenario.acoustics),
+        events=sensors.events_of(scenario, chart, motion, seed),
+        slots=slots,
+        opportunities=acoustics.opportunities(scenario.acoustics, slots, motion, seed),
+        chart=chart,
+        origin=chart.origin,
+        scenario=scenario.resolved(),
+        truth=_truth(names, motion),
+    )
+
+
+def open_chart(spec: ChartSpec) -> Chart:
+    """Make a scenario's synthetic chart or read its chart file.
+
+    Raises:
+        ChartError: an unknown synthetic chart, or a file that cannot be read as a chart.
+    """
+    if spec.synthetic is not None:
+        return _synthetic(spec.synthetic, tuple(spec.options().items()))
+    from uwcoop.charts import load_chart
+
+    return load_chart(Path(spec.source), **spec.options())
+
+
+@lru_cache(maxsize=4)
+def _synthetic(name: str, options: tuple[tuple[str, Any], ...]) -> Chart:
+    # Charts are immutable, and a study simulates many missions over the same one.
+    from uwcoop.charts import synthetic
+
+    return synthetic(name, **dict(options))
+
+
+def _truth(names: tuple[str, ...], motion: Sequence[Motion]) -> xr.Dataset:
+    import xarray as xr
+
+    by_axis, plain = ("vehicle", "time", "axis"), ("vehicle", "time")
+    note = "velocity that the command does not know of: water current plus the vehicle's own drift"
+    return xr.Dataset(
+        {
+            "position_m": (by_axis, np.stack([m.position_m for m in motion]), {"units": "m"}),
+            "depth_m": (plain, np.stack([m.depth_m for m in motion]), {"units": "m", "positive": "down"}),
+            "yaw_rad": (plain, np.stack([m.yaw_rad for m in motion]), {"units": "rad"}),
+            "current_mps": (
+                by_axis, np.stack([m.current_mps for m in motion]), {"units": "m/s", "long_name": note}
+            ),
+        },
+        coords={
+            "vehicle": list(names),
+            "time": ("time", np.arange(motion[0].position_m.shape[0], dtype=np.float64), {"units": "s"}),
+            "axis": ["east", "north"],
+        },
+    )  # fmt: skip

@@ -1,0 +1,167 @@
+"""How the replay opens: a scene per navigator beside error, NEES and acoustic log, all of the mission."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uwcoop import metrics
+from uwcoop.viewer.stage import TIMELINE, Stage, entity
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+    from uwcoop.charts import Chart
+
+STACKED_VEHICLES = 3
+"""Up to so many vehicles have their plots above each other; more get a tab each."""
+
+
+def blueprint(
+    stage: Stage,
+    tracks: xr.Dataset,
+    packets: Mapping[str, NDArray[Any]],
+    chart: Chart,
+    clouds: xr.Dataset | None,
+) -> Any:
+    """Layout of the recording."""
+    import rerun.blueprint as rrb
+
+    shown = _most_telling(stage, clouds)
+    scenes = rrb.Tabs(
+        *[_scene(stage, navigator, chart) for navigator in stage.navigators],
+        active_tab=shown,
+        name="scene",
+    )
+    stacked = len(stage.vehicles) <= STACKED_VEHICLES
+    error_m = metrics.errors(tracks).values[..., stage.at]
+    nees = metrics.nees(tracks).values[..., stage.at]
+    error_plots = [
+        _plot(
+            stage,
+            "error_m",
+            vehicle,
+            f"{vehicle}: error (m)",
+            _error_top(error_m[:, j]),
+            legend=j == 0 or not stacked,
+        )
+        for j, vehicle in enumerate(stage.vehicles)
+    ]
+    nees_plots = [
+        _plot(stage, "nees", vehicle, f"{vehicle}: NEES (ideal mean 2)", _nees_top(nees[:, j]), legend=False)
+        for j, vehicle in enumerate(stage.vehicles)
+    ]
+    right = [
+        rrb.Vertical(*error_plots, name="error") if stacked else rrb.Tabs(*error_plots, name="error"),
+        rrb.Tabs(*nees_plots, name="NEES"),
+    ]
+    talking = [
+        n
+        for i, n in enumerate(stage.navigators)
+        if ((packets["navigator"] == i) & (packets["bytes"] > 0)).any()
+    ]
+    if talking:
+        texts = [_text(navigator) for navigator in talking]
+        active = talking.index(shown) if shown in talking else len(talking) - 1
+        right.append(rrb.Tabs(*texts, active_tab=active, name="acoustics"))
+    shares = [len(error_plots) if stacked else 1.5, 1.3, 1.3][: len(right)]
+    return rrb.Blueprint(
+        rrb.Horizontal(scenes, rrb.Vertical(*right, row_shares=shares), column_shares=[3, 2]),
+        rrb.TimePanel(state="collapsed", timeline=TIMELINE, playback_speed=10.0),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _scene(stage: Stage, navigator: str, chart: Chart) -> Any:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    root = f"/{stage.root}"
+    trail = rrb.VisibleTimeRanges(
+        timeline=TIMELINE,
+        start=rrb.TimeRangeBoundary.infinite(),
+        end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0),
+    )
+    trails = [stage.entity(who, v, "trail") for who in ("truth", navigator) for v in stage.vehicles]
+    west, east, south, north = stage.window
+    bottom = -stage.exaggeration * chart.depth_range_m[1]
+    # A little nearer than the middle: perspective makes the near half larger.
+    centre = np.array([(west + east) / 2, (south + north) / 2 - 0.1 * stage.span_m, bottom])
+    eye = centre + stage.span_m * np.array([0.16, -0.8, 0.85])
+    return rrb.Spatial3DView(
+        origin="/",
+        contents=[f"+ {root}/{part}/**" for part in ("chart", "surface", "truth")]
+        + [f"+ {stage.entity(navigator)}/**"],
+        name=navigator,
+        background=rrb.Background(color=(24, 28, 34)),
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rr.blueprint.Eye3DKind.Orbital, position=eye, look_target=centre, eye_up=(0.0, 0.0, 1.0)
+        ),
+        overrides={path: [trail] for path in trails},
+    )
+
+
+def _plot(stage: Stage, quantity: str, vehicle: str, name: str, top: float, *, legend: bool) -> Any:
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    start, end = float(stage.time_s[0]), float(stage.time_s[-1])
+    return rrb.TimeSeriesView(
+        origin=entity(quantity, vehicle),
+        name=name,
+        # Without a range, plots show half a minute around the cursor.
+        axis_x=rrb.TimeAxis(
+            view_range=rr.TimeRange(
+                start=rr.TimeRangeBoundary.absolute(seconds=start),
+                end=rr.TimeRangeBoundary.absolute(seconds=end),
+            )
+        ),
+        axis_y=rrb.ScalarAxis(range=(0.0, top)),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend),
+    )
+
+
+def _text(navigator: str) -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TextLogView(
+        origin=entity("acoustics", navigator),
+        name=f"acoustics: {navigator}",
+        columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+    )
+
+
+def _error_top(error_m: NDArray[np.float64]) -> float:
+    """Room for the best navigators: one that is lost leaves at the top (zooming out shows it)."""
+    own = [e[np.isfinite(e)] for e in error_m if np.isfinite(e).any()]
+    if not own:
+        return 1.0
+    best = min(float(np.quantile(e, 0.95)) for e in own)
+    return _labelled_top(max(min(max(float(e.max()) for e in own), 10 * best), 0.1))
+
+
+def _nees_top(nees: NDArray[np.float64]) -> float:
+    finite = nees[np.isfinite(nees)]
+    return _labelled_top(float(np.clip(1.1 * np.quantile(finite, 0.95), 10.0, 40.0)) if finite.size else 10.0)
+
+
+def _labelled_top(wanted: float) -> float:
+    """A nearby top under which the viewer, whose ticks are powers of ten, has room to label one."""
+    decade = 10.0 ** np.floor(np.log10(wanted))
+    tops = np.array([1.2, 2.0, 3.0, 4.0, 12.0])
+    return float(decade * tops[np.argmin(np.abs(np.log(tops * decade / wanted)))])
+
+
+def _most_telling(stage: Stage, clouds: xr.Dataset | None) -> str:
+    """The last navigator that has particles, else the last."""
+    if clouds is not None:
+        for i in reversed(range(len(stage.navigators))):
+            if np.isfinite(clouds["particles_m"].values[i, :, :, :1]).any():
+                return stage.navigators[i]
+    return stage.navigators[-1]

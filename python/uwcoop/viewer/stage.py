@@ -1,0 +1,152 @@
+"""What every part of a replay agrees on: names, instants, depths, colours, and how the scene is scaled."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from uwcoop.figures.map import OKABE_ITO
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+    from uwcoop.charts import Chart
+    from uwcoop.missionlog import MissionLog
+
+    Floats = NDArray[np.float64]
+
+TIMELINE = "mission_time"
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The frame of one replay.
+
+    Attributes: `time_s` (T,) the 1 Hz grid and `at` (T,) its indices in the tracks; `truth_m` (V, T, 2) and
+    `yaw_rad` (V, T), NaN if unknown; `depth_m` (V, T); `window` west, east, south, north of what is worth
+    showing of the chart.
+    """
+
+    navigators: tuple[str, ...]
+    vehicles: tuple[str, ...]
+    time_s: Floats
+    at: NDArray[np.intp]
+    truth_m: Floats
+    yaw_rad: Floats
+    depth_m: Floats
+    window: tuple[float, float, float, float]
+    exaggeration: int
+
+    @classmethod
+    def of(cls, tracks: xr.Dataset, chart: Chart, log: MissionLog) -> Stage:
+        """Read the names, instants and truth of a mission and fit the scene around its paths."""
+        time = np.asarray(tracks["time"].values, dtype=np.float64)
+        at = np.flatnonzero(np.abs(time - np.round(time)) < 1e-9)
+        truth = np.asarray(tracks["truth_position_m"].values, dtype=np.float64)[:, at]
+        window = _window(tracks, chart)
+        side = max(window[1] - window[0], window[3] - window[2])
+        return cls(
+            navigators=tuple(str(n) for n in tracks["navigator"].values),
+            vehicles=tuple(str(v) for v in tracks["vehicle"].values),
+            time_s=time[at],
+            at=at,
+            truth_m=truth,
+            yaw_rad=_yaw(truth, time[at], log),
+            depth_m=_depth(time[at], log, truth.shape[0]),
+            window=window,
+            exaggeration=_exaggeration(side, chart.depth_range_m[1]),
+        )
+
+    @property
+    def root(self) -> str:
+        """The scene's entity; its name says how much heights are stretched."""
+        return "scene" if self.exaggeration == 1 else f"scene_depth_x{self.exaggeration}"
+
+    @property
+    def span_m(self) -> float:
+        """Longer side of the window."""
+        return max(self.window[1] - self.window[0], self.window[3] - self.window[2])
+
+    def entity(self, *parts: str) -> str:
+        """Path of an entity in the scene; names are escaped."""
+        return entity(self.root, *parts)
+
+    def positions(self, position_m: Floats) -> NDArray[np.float32]:
+        """(V, T, 2) east, north on the grid to (V, T, 3) with z = -depth."""
+        return np.concatenate([position_m, -self.depth_m[..., None]], axis=-1).astype(np.float32)
+
+
+def entity(*parts: str) -> str:
+    """Entity path of these names."""
+    import rerun as rr
+
+    return str(rr.new_entity_path(list(parts)))
+
+
+def time_column(seconds: Floats) -> Any:
+    """Index column of the mission's timeline."""
+    import rerun as rr
+
+    return rr.TimeColumn(TIMELINE, duration=np.round(seconds * 1e9).astype("timedelta64[ns]"))
+
+
+def rgb(index: int) -> tuple[int, int, int]:
+    """Okabe-Ito colour of a vehicle or navigator; black, unseen on a dark ground, becomes grey."""
+    colour = OKABE_ITO[index % len(OKABE_ITO)].lstrip("#")
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (0, 2, 4))
+    return (red, green, blue) if red + green + blue else (200, 200, 200)
+
+
+def _window(tracks: xr.Dataset, chart: Chart) -> tuple[float, float, float, float]:
+    """The paths' box with a third of its size around it, as far as there is chart."""
+    west, south, east, north = chart.extent
+    points = tracks["truth_position_m"].values.reshape(-1, 2)
+    points = points[np.isfinite(points).all(1)]
+    if not len(points):
+        return west, east, south, north
+    low, high = points.min(0), points.max(0)
+    pad = 0.33 * float((high - low).max()) + 20 * chart.cell_m
+    window = (
+        max(west, low[0] - pad),
+        min(east, high[0] + pad),
+        max(south, low[1] - pad),
+        min(north, high[1] + pad),
+    )
+    if window[1] - window[0] < 2 * chart.cell_m or window[3] - window[2] < 2 * chart.cell_m:
+        return west, east, south, north
+    return tuple(float(x) for x in window)  # type: ignore[return-value]
+
+
+def _exaggeration(side_m: float, deepest_m: float) -> int:
+    """The factor of 1, 2, 5, ... that draws the deepest water at most a sixth of the scene's side deep."""
+    wanted = side_m / (6 * max(deepest_m, 1e-3))
+    return max((k for k in (1, 2, 5, 10, 20, 50) if k <= wanted), default=1)
+
+
+def _yaw(truth: Floats, time_s: Floats, log: MissionLog) -> Floats:
+    if log.truth is not None and "yaw_rad" in log.truth:
+        known = log.truth["yaw_rad"].values
+        index = np.clip(np.searchsorted(log.truth["time"].values, time_s), 0, known.shape[1] - 1)
+        return np.asarray(known[:, index], dtype=np.float64)
+    step = np.gradient(truth, axis=1)
+    return np.where(np.isfinite(step).all(-1), np.arctan2(step[..., 1], step[..., 0]), np.nan)
+
+
+def _depth(time_s: Floats, log: MissionLog, vehicles: int) -> Floats:
+    """True depth of each vehicle, else what its depth sensor said, else the surface."""
+    if log.truth is not None and "depth_m" in log.truth:
+        known = np.asarray(log.truth["depth_m"].values, dtype=np.float64)
+        times = log.truth["time"].values
+        return np.stack([np.nan_to_num(np.interp(time_s, times, own)) for own in known])
+    depth = np.zeros((vehicles, len(time_s)))
+    table = log.events.get("depth")
+    if table is None:
+        return depth
+    for j in range(vehicles):
+        own = table["vehicle"] == j
+        if own.any():
+            depth[j] = np.interp(time_s, table["t_ns"][own] / 1e9, table["depth_m"][own])
+    return depth
