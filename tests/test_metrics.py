@@ -354,6 +354,9 @@ def test_run_table_fits_eighty_columns_and_marks_inconsistency() -> None:
             assert f"{values['rmse_m']:.2f}" in text
     assert text.count("▲") >= 4 + 1  # three of dmpf, one collapsed, and the caption
     assert "state" not in text  # nobody has a heading
+    narrow = rendered(report.summary_table(summary, settle_s=50), width=68).splitlines()
+    for name, values in summary["navigators"]["dmpf"]["vehicles"].items():
+        assert any(name in line and f"{values['final_error_m']:.2f}" in line for line in narrow)
 
 
 def test_study_table_states_variants_and_the_interval() -> None:

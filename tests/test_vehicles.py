@@ -284,7 +284,7 @@ def write(file: Path, text: str) -> Path:
     return file
 
 
-LOCAL = "t,e,n,z\n100,0,0,5.0\n102,2,0,5.2\n102.3,2,0,9.9\n104.4,2,4.8,\n108.6,2,9,5.6\n109,3,9,5.7\n"
+LOCAL = "t,e,n,z\n100,0,0,5.0\n102,2,0,5.2\n102.3,2,0.6,9.9\n104.4,2,4.8,\n108.6,2,9,5.6\n109,3,9,5.7\n"
 
 
 @pytest.mark.parametrize("name", ["track.csv", "track.csv.gz"])

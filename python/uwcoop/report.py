@@ -38,7 +38,8 @@ def summary_table(
     table.add_column(
         "navigator\npacket mean / max (B)\nrun time (s), × real time", min_width=_width(names.values())
     )
-    table.add_column("vehicle", overflow="fold")
+    lines = [Text(vehicle) for navigator in navigators.values() for vehicle in navigator["vehicles"]]
+    table.add_column("vehicle", no_wrap=True, min_width=_width([Text("vehicle"), *lines]))
     blocks = {
         name: [
             [_cell(key, values, form) for values in navigator["vehicles"].values()]

@@ -89,6 +89,7 @@ def grid_soundings(
         f"gridded to {cell_m:g} m: medians of cells, linear between them (verde); "
         f"holes beyond {max_gap_m:g} m of a sounding"
     )
+    grid = _without_strays(grid, said)
     if sigma_map_m is None:
         sigma_map_m = _residual_sigma(reduced, (east, north, depth), survey, cell_m, max_gap_m, said)
     else:
@@ -191,6 +192,21 @@ def _linear(known: tuple[Values, Values, Values], at: tuple[Values, Values]) -> 
         return np.asarray(_verde().Linear(rescale=False).fit((e, n), z).predict(at), dtype=np.float64)
     except spatial.QhullError as error:
         raise ChartError("soundings lie on one line: a chart needs soundings across it too") from error
+
+
+def _without_strays(grid: Values, said: list[str]) -> Values:
+    """The grid without patches of less than a five-hundredth of the largest: stray positions, not chart."""
+    try:
+        from scipy import ndimage
+    except ImportError as error:
+        raise MissingDependencyError("scipy", "maps") from error
+    patch, count = ndimage.label(np.isfinite(grid), structure=np.ones((3, 3)))
+    sizes = np.bincount(patch.ravel(), minlength=count + 1)[1:]
+    stray = np.flatnonzero(sizes < sizes.max() / 500)
+    if not stray.size:
+        return grid
+    said.append(f"{sizes[stray].sum()} nodes in {stray.size} stray patches far from the rest left out")
+    return np.where(np.isin(patch, stray + 1), np.nan, grid)
 
 
 def _residual_sigma(

@@ -1,12 +1,12 @@
 """What terrain says about position: Fisher information of depth, and a summary of a chart.
 
-A vehicle that crosses a window sounds n times at slopes g with an unknown offset between its depths and the chart's
-(the tide). What is left about position after the offset is
+A vehicle that crosses a window sounds n times, over slopes g, with an unknown offset between its depths and
+the chart's (the tide). What is left about position after the offset is
 
     J = n / n_c · (mean(w g gᵀ) − mean(w g) mean(w g)ᵀ / mean(w)),   w = 1 / (σ² + σ_map²),
 
-the scatter of slopes: a plane, however steep, tells nothing that another tide would not. 1/√λ_min(J) is the standard
-deviation along the direction that a crossing tells least about.
+the scatter of slopes: a plane, however steep, tells nothing that another tide would not. 1/√λ_min(J) is the
+standard deviation along the direction that a crossing tells least about.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Sounding:
         helps_below_m: terrain helps where one crossing fixes both coordinates better than this.
     """
 
-    sigma_m: float = 0.05
+    sigma_m: float = 0.1
     spacing_m: float = 1.5
     window_m: float = 50.0
     helps_below_m: float = 5.0
@@ -74,21 +74,18 @@ def fisher_information(chart: Chart, sounding: Sounding | None = None) -> Grid:
     mean_w = np.where(mean_w > 0, mean_w, np.inf)
     crossing = sounding.window_m / sounding.spacing_m / n_c
     matrix = np.empty((*known.shape, 2, 2))
-    matrix[..., 0, 0] = crossing * (square_sums(weight * east * east, half) / nodes - mean_e**2 / mean_w)
-    matrix[..., 1, 1] = crossing * (square_sums(weight * north * north, half) / nodes - mean_n**2 / mean_w)
-    matrix[..., 0, 1] = crossing * (
-        square_sums(weight * east * north, half) / nodes - mean_e * mean_n / mean_w
-    )
-    matrix[..., 1, 0] = matrix[..., 0, 1]
+    slopes, means = (east, north), (mean_e, mean_n)
+    for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        product = square_sums(weight * slopes[i] * slopes[j], half) / nodes
+        matrix[..., i, j] = crossing * (product - means[i] * means[j] / mean_w)
     matrix[(count < 0.5 * whole) | np.isnan(chart.depth_m)] = np.nan
     return matrix
 
 
 def reachable_sigma(chart: Chart, sounding: Sounding | None = None) -> Grid:
-    """Standard deviation of position, metres, along the direction that one crossing tells least about, (rows,
-    cols).
+    """Standard deviation of position where a crossing tells least about it, metres, (rows, cols).
 
-    Infinite where that direction stays unknown; NaN at holes and where less than half the window is charted.
+    It is that of the worse direction: infinite where a direction stays unknown; NaN at holes and where less than half the window is charted.
     """
     matrix = fisher_information(chart, sounding)
     a, b, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]

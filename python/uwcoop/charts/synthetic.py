@@ -76,8 +76,8 @@ def _st_john(rng: np.random.Generator, nodes: int) -> Grid:
     depth = -_soft_minimum(-depth, -platform, 0.8)
     depth += _channel(rng, east, north, side)
     depth -= _mounds(rng, east, north, side)
-    depth += 1.2 * _patches(rng, nodes, 350.0) * _spectral(rng, nodes, 12.0, 150.0, 1.8)
-    depth += 0.04 * _spectral(rng, nodes, 40.0, 150.0, 1.5)
+    depth += 1.2 * _patches(rng, nodes, 350.0) * _spectral(rng, nodes, 10.0, 110.0, 1.5)
+    depth += 0.05 * _spectral(rng, nodes, 40.0, 150.0, 1.5)
     return np.asarray(-_soft_minimum(-depth, np.full_like(depth, -1.5), 0.3))
 
 

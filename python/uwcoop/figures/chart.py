@@ -38,8 +38,8 @@ def chart_figure(chart: Chart, sounding: Sounding | None = None) -> Figure:
     tall = (north - south) / (east - west)
     beside = tall > 0.5  # a wide chart's two maps stand one above the other
     width = 12.0 if beside else 10.0
-    panel = (width / 2 if beside else width) - 1.4
-    height = panel * tall * (1 if beside else 2) + (1.5 if beside else 2.2)
+    panel = (width / 2 if beside else width) - 1.7
+    height = panel * tall * (1 if beside else 2) + (1.3 if beside else 2.0)
     figure = Figure(figsize=(width, float(np.clip(height, 4.0, 14.0))), layout="constrained")
     axes = figure.subplots(*((1, 2) if beside else (2, 1)), sharex=True, sharey=True)
     draw_depth(axes[0], chart)
@@ -76,7 +76,7 @@ def _draw_information(axes: Axes, chart: Chart, sounding: Sounding) -> None:
     from matplotlib.colors import BoundaryNorm
 
     sigma, extent = _thinned(reachable_sigma(chart, sounding), chart)
-    bounds = [0.5, 1, 2, 5, 10, 20, 50]
+    bounds = [0.2, 0.5, 1, 2, 5, 10, 20]
     colour_map = mpl.colormaps["cividis_r"].resampled(len(bounds) + 1).with_extremes(bad=HOLE_COLOUR)
     norm = BoundaryNorm(bounds, colour_map.N, extend="both")
     shown = np.ma.masked_invalid(np.where(np.isposinf(sigma), 1e9, sigma))

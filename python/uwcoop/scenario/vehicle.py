@@ -162,7 +162,7 @@ class Track(Table):
     """Projection of east and north, e.g. "EPSG:32654"; without it they are the chart's local metres."""
     time_unit: Literal["s", "ms"] = "s"
     where: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
-    """Only rows in which these columns hold these values, e.g. one session of a file with many."""
+    """Only rows in which these columns hold these values, e.g. one survey of a file with many."""
     start_s: NonNegative = 0.0
     """How far into the record the mission starts."""
     max_gap_s: Positive = 120.0

@@ -83,7 +83,10 @@ def view(folder: str | os.PathLike[str], *, web: bool = False) -> None:
     if not replay.is_file():
         raise LogError(f"no replay {replay}: `uwcoop run MISSION -o {folder}` writes one")
     _rerun()
-    code = subprocess.run(viewer_command(replay, web=web), check=False).returncode
+    try:
+        code = subprocess.run(viewer_command(replay, web=web), check=False).returncode
+    except KeyboardInterrupt:  # the viewer got it too: this is how one closes the browser form
+        return
     if code:
         raise UwcoopError(
             f"the Rerun viewer ended with code {code}; without a display, use its browser form (web)"

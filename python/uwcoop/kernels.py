@@ -1,0 +1,42 @@
+"""The core's inner loops as pure functions of their draws.
+
+They run the code that the navigators run, on the scalar float64 path, so that an independent implementation can be
+checked against them to rounding. Every random draw is an argument. Positions are (N, 2) arrays [east, north] in
+metres; log-likelihoods carry no 2π terms.
+"""
+
+from uwcoop._native import (
+    bilinear_depth,
+    bilinear_gradient,
+    decode_belief,
+    effective_sample_size,
+    encode_belief,
+    kernel_entropy,
+    liu_west,
+    moments,
+    normalize,
+    offset_update,
+    propagate,
+    range_log_likelihood,
+    residual_resample,
+    roughen,
+    terrain_log_likelihood,
+)
+
+__all__ = [
+    "bilinear_depth",
+    "bilinear_gradient",
+    "decode_belief",
+    "effective_sample_size",
+    "encode_belief",
+    "kernel_entropy",
+    "liu_west",
+    "moments",
+    "normalize",
+    "offset_update",
+    "propagate",
+    "range_log_likelihood",
+    "residual_resample",
+    "roughen",
+    "terrain_log_likelihood",
+]

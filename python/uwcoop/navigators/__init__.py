@@ -1,0 +1,212 @@
+"""Navigators by name, configured and native; and the protocol for one's own in Python.
+
+A scenario sets options as `[navigator.NAME]`, or as `[navigator.all]` for every navigator that has the option.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, Any, Protocol
+
+from pydantic import ValidationError
+
+from uwcoop import _native
+from uwcoop.errors import NavigatorError
+from uwcoop.navigators.options import (
+    DRIFT_PRESETS,
+    DeadReckoningOptions,
+    DmpfOptions,
+    DriftOptions,
+    MpfOptions,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from uwcoop._native import Event, Navigator
+    from uwcoop.charts import Chart
+
+__all__ = [
+    "DRIFT_PRESETS",
+    "NAVIGATORS",
+    "Context",
+    "Custom",
+    "DeadReckoningOptions",
+    "DmpfOptions",
+    "MpfOptions",
+    "PythonEstimate",
+    "PythonNavigator",
+    "Spec",
+    "build",
+    "native_chart",
+    "options_of",
+]
+
+
+@dataclass(frozen=True)
+class Context:
+    """What one vehicle's navigator is made from: what that vehicle carries, and nothing about the others."""
+
+    vehicle: int
+    """Its index in the team."""
+    vehicles: int
+    """Size of the team."""
+    sound_speed_mps: float
+    """Sound speed that the team agreed on."""
+    seed: int
+    """Seed of the navigator's random streams."""
+    chart: Chart | None
+    """The chart on board."""
+
+
+class PythonEstimate(Protocol):
+    """What a navigator in Python answers: `mean_m` (2,) metres and `covariance_m2` (2, 2)."""
+
+    @property
+    def mean_m(self) -> ArrayLike: ...
+    @property
+    def covariance_m2(self) -> ArrayLike: ...
+
+
+class PythonNavigator(Protocol):
+    """A navigator of one's own. `handle` may answer "fused", "noted", "gated" or "rejected"; None means fused."""
+
+    def handle(self, event: Event, /) -> str | None: ...
+    def transmit(self, tol_ns: int, capacity_bytes: int, /) -> bytes | None: ...
+    def estimate(self, t_ns: int, /) -> PythonEstimate: ...
+
+
+@dataclass(frozen=True)
+class Custom:
+    """A navigator of one's own under a name, made once for each vehicle."""
+
+    name: str
+    make: Callable[[Context], PythonNavigator]
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A packaged navigator: what it is, its option model, options that make it what its name says, how it is made."""
+
+    summary: str
+    options: type[DriftOptions]
+    fixed: Mapping[str, Any]
+    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator]
+
+
+def _dead_reckoning(
+    context: Context, options: Mapping[str, Any], _chart: _native.Chart | None
+) -> Navigator:
+    return _native.Navigator.dead_reckoning(context.vehicle, dict(options))
+
+
+def _dmpf(context: Context, options: Mapping[str, Any], chart: _native.Chart | None) -> Navigator:
+    return _native.Navigator.dmpf(
+        context.vehicle, context.vehicles, dict(options), chart, context.sound_speed_mps, context.seed
+    )
+
+
+def _mpf(context: Context, options: Mapping[str, Any], chart: _native.Chart | None) -> Navigator:
+    return _native.Navigator.mpf(
+        context.vehicle, context.vehicles, dict(options), chart, context.sound_speed_mps, context.seed
+    )
+
+
+NAVIGATORS: dict[str, Spec] = {
+    "dead-reckoning": Spec(
+        "Commanded velocity summed up, with the covariance of what it does not know.",
+        DeadReckoningOptions,
+        {},
+        _dead_reckoning,
+    ),
+    "dmpf": Spec(
+        "D-MPF of Tan, Chitre & Hover (2016): depth differences and ranges to broadcast beliefs.",
+        DmpfOptions,
+        {},
+        _dmpf,
+    ),
+    "terrain-only": Spec("dmpf without ranges.", DmpfOptions, {"use_ranges": False}, _dmpf),
+    "ranging-only": Spec("dmpf without soundings.", DmpfOptions, {"use_terrain": False}, _dmpf),
+    "mpf": Spec(
+        "Consistent marginalised particle filter: datum offset, chart error that is correlated, tempered ranges.",
+        MpfOptions,
+        {},
+        _mpf,
+    ),
+    "mpf-terrain-only": Spec("mpf without ranges.", MpfOptions, {"use_ranges": False}, _mpf),
+}
+"""Packaged navigators by name."""
+
+
+def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOptions:
+    """Options of a packaged navigator: defaults, then `[navigator.all]`, then `[navigator.NAME]`.
+
+    Raises:
+        NavigatorError: an unknown navigator or option, or a value outside its bound; one line.
+    """
+    model = _spec(name).options
+    tables = (scenario or {}).get("navigator", {})
+    unknown = sorted(set(tables) - set(NAVIGATORS) - {"all"})
+    if unknown:
+        raise NavigatorError(f"navigator.{unknown[0]}: no such navigator{_nearest(unknown[0], NAVIGATORS)}")
+    common = tables.get("all", {})
+    every = {field for spec in NAVIGATORS.values() for field in spec.options.model_fields}
+    for option in common:
+        if option not in every:
+            raise NavigatorError(f"navigator.all.{option}: no navigator has this option{_nearest(option, every)}")
+    own = {key: value for key, value in common.items() if key in model.model_fields}
+    own |= tables.get(name, {})
+    fixed = _spec(name).fixed
+    for option, value in fixed.items():
+        if own.get(option, value) != value:
+            raise NavigatorError(f"navigator.{name}.{option} is {own[option]}: this navigator has it at {value}")
+    try:
+        return model(**(own | dict(fixed)))
+    except ValidationError as invalid:
+        raise NavigatorError(_one_line(name, model, invalid)) from None
+
+
+def build(name: str, context: Context, options: DriftOptions, chart: _native.Chart | None) -> Navigator:
+    """A packaged navigator for one vehicle; `chart` is `native_chart(context.chart)`, shared by the team."""
+    length = 0.0 if context.chart is None else context.chart.correlation_length_m
+    return _spec(name).make(context, options.native(length), chart)
+
+
+def native_chart(chart: Chart) -> _native.Chart:
+    """The chart in the core's form; share it between vehicles and navigators."""
+    import numpy as np
+
+    sigma = chart.sigma_map_m
+    per_node = isinstance(sigma, np.ndarray)
+    finite = np.asarray(sigma)[np.isfinite(sigma)]
+    return _native.Chart(
+        np.ascontiguousarray(chart.depth_m),
+        chart.east0_m,
+        chart.north0_m,
+        chart.cell_m,
+        np.ascontiguousarray(sigma) if per_node else float(sigma),
+        float(np.median(finite)) if finite.size else 0.0,
+        chart.correlation_length_m,
+    )
+
+
+def _spec(name: str) -> Spec:
+    if name not in NAVIGATORS:
+        raise NavigatorError(f"navigator {name!r} is unknown{_nearest(name, NAVIGATORS)}")
+    return NAVIGATORS[name]
+
+
+def _nearest(name: str, known: Any) -> str:
+    close = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(sorted(known))}"
+
+
+def _one_line(name: str, model: type[DriftOptions], invalid: ValidationError) -> str:
+    error = invalid.errors()[0]
+    option = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        return f"navigator.{name}.{option}: no such option{_nearest(option, model.model_fields)}"
+    message = error["msg"][0].lower() + error["msg"][1:]
+    return f"navigator.{name}.{option} is {error['input']!r}: {message}"

@@ -1,0 +1,269 @@
+"""One mission through one or more navigators: events in, tracks and figures of merit out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from uwcoop import _native, metrics
+from uwcoop.errors import LogError
+from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog.validate import validate
+from uwcoop.navigators import NAVIGATORS, Context, Custom, build, native_chart, options_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from uwcoop.charts import Chart
+    from uwcoop.scenario.models import Scenario
+
+__all__ = ["RunResult", "native_mission", "replay_for", "run", "sample_times_ns"]
+
+SETTLE_S = 50.0
+"""For logs that name no scenario: errors count after this time."""
+CLOUD_EVERY = 10
+"""Particles are kept at every so many instants of the record (10 keeps a mission's replay near 4 MB)."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run gives: the mission, its tracks, packets, particle clouds and the summary."""
+
+    log: MissionLog
+    tracks: xr.Dataset
+    """Estimates and truth; see the reference for dimensions and units."""
+    packets: dict[str, NDArray[Any]]
+    """One row for each packet at each receiver and navigator."""
+    clouds: xr.Dataset | None
+    """Particles at every 10th instant, float32."""
+    seconds: dict[str, float]
+    """Run time by navigator, s."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """What `summary.json` holds."""
+        return metrics.summarise(self.tracks, seconds=self.seconds, packets=self.packets)
+
+
+def run(
+    mission: MissionLog | Scenario | str | Path,
+    navigators: Iterable[str | Custom] | None = None,
+    *,
+    seed: int | None = None,
+    chart: Chart | None = None,
+    clouds: bool = True,
+    threads: int = 1,
+    progress: Callable[[str], None] | None = None,
+) -> RunResult:
+    """Replays a mission through navigators.
+
+    Args:
+        mission: a log, a log's path, a scenario, or the name or path of a scenario (then it is simulated first).
+        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones; None for all packaged ones.
+        seed: of the simulation and of the navigators; None takes the mission's own.
+        chart: the navigators' chart; None takes the mission's. For a log with another chart it is refused.
+        clouds: whether to keep particles for pictures.
+        threads: navigators that run side by side (0: all cores). The results are the same bits for any number.
+        progress: called with a navigator's name when it is done.
+
+    Raises:
+        ScenarioError, LogError, ChartError, NavigatorError: one line that says what is wrong.
+    """
+    log = _mission(mission, seed, chart)
+    chosen = list(NAVIGATORS) if navigators is None else list(navigators)
+    names = [n if isinstance(n, str) else n.name for n in chosen]
+    repeated = {n for n in names if names.count(n) > 1}
+    if repeated:
+        raise LogError(f"navigator {sorted(repeated)[0]!r} is asked for more than once")
+    filter_seed = log.seed if seed is None else seed
+    native = native_mission(log)
+    sample_ns = sample_times_ns(log)
+    shared = None if log.chart is None else native_chart(log.chart)
+    replays = [
+        replay_for(log, native, navigator, shared, filter_seed, sample_ns, CLOUD_EVERY if clouds else 0)
+        for navigator in chosen
+    ]
+    if threads == 1:
+        for name, replay in zip(names, replays, strict=True):
+            replay.run()
+            if progress:
+                progress(name)
+    else:
+        _native.run_all(replays, threads)
+        for name in names if progress else ():
+            progress(name)  # type: ignore[misc]
+    seconds = {name: replay.seconds for name, replay in zip(names, replays, strict=True)}
+    records = [replay.tracks() for replay in replays]
+    return RunResult(
+        log=log,
+        tracks=_tracks(log, names, records),
+        packets=_packets(records),
+        clouds=_clouds(log, names, records) if clouds else None,
+        seconds=seconds,
+    )
+
+
+def _mission(mission: MissionLog | Scenario | str | Path, seed: int | None, chart: Chart | None) -> MissionLog:
+    if isinstance(mission, MissionLog):
+        log = mission
+        if chart is not None:
+            if log.chart is not None and log.chart.sha256 != chart.sha256:
+                raise LogError(f"the log's chart is {log.chart.sha256}, the chart given is {chart.sha256}")
+            log.chart = chart
+    elif isinstance(mission, str | Path) and Path(mission).suffix == ".mcap":
+        from uwcoop.missionlog.mcap import load_log
+
+        return load_log(mission, chart=chart)
+    else:
+        from uwcoop.simulate import simulate
+
+        return simulate(mission, seed=seed, chart=chart)
+    validate(log)
+    return log
+
+
+def native_mission(log: MissionLog) -> _native.Mission:
+    """The navigators' half of a log: events, slots and opportunities; the truth stays behind."""
+    link = log.link
+    return _native.Mission(
+        len(log.vehicles),
+        (link.frame_bytes, link.max_frames, link.frame_s, link.preamble_s, link.sound_speed_mps),
+        log.events,
+        log.slots,
+        log.opportunities,
+        log.receptions,
+        log.payloads,
+        log.duration_ns,
+    )
+
+
+def sample_times_ns(log: MissionLog) -> NDArray[np.int64]:
+    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival."""
+    grid = np.arange(0, log.duration_ns + 1, 1_000_000_000, dtype=np.int64)
+    arrivals = [table["toa_ns"] for table in (log.opportunities, log.receptions) if table]
+    times = np.unique(np.concatenate([grid, *arrivals]).astype(np.int64))
+    return times[times <= log.duration_ns]
+
+
+def replay_for(
+    log: MissionLog,
+    mission: _native.Mission,
+    navigator: str | Custom,
+    chart: _native.Chart | None,
+    seed: int,
+    sample_ns: NDArray[np.int64],
+    cloud_every: int = 0,
+) -> _native.Replay:
+    """A team of one kind of navigator, ready to replay the mission step by step or whole."""
+    contexts = [
+        Context(k, len(log.vehicles), log.link.sound_speed_mps, seed, log.chart)
+        for k in range(len(log.vehicles))
+    ]
+    if isinstance(navigator, Custom):
+        team: Sequence[Any] = [navigator.make(context) for context in contexts]
+    else:
+        options = options_of(navigator, log.scenario)
+        team = [build(navigator, context, options, chart) for context in contexts]
+    return _native.Replay(mission, team, sample_ns, cloud_every)
+
+
+def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, Any]]) -> xr.Dataset:
+    t_ns = records[0]["t_ns"]
+    each = ("navigator", "vehicle", "time")
+    covariance = np.stack([r["covariance_m2"] for r in records])
+    sent, heard = np.zeros(covariance.shape[:3], np.int64), np.zeros(covariance.shape[:3], bool)
+    for k, record in enumerate(records):
+        at = np.minimum(np.searchsorted(t_ns, record["sent"]["tol_ns"]), len(t_ns) - 1)
+        np.add.at(sent[k], (record["sent"]["sender"], at), record["sent"]["bytes"])
+        packets = record["packets"]
+        used = packets["accepted"] & (packets["toa_ns"] <= t_ns[-1])
+        heard[k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used])] = True
+    received = np.zeros(covariance.shape[1:3], bool)
+    for table in (log.opportunities, log.receptions):
+        if table:
+            inside = table["toa_ns"] <= t_ns[-1]
+            received[table["receiver"][inside], np.searchsorted(t_ns, table["toa_ns"][inside])] = True
+
+    def stack(key: str) -> NDArray[Any]:
+        return np.stack([r[key] for r in records])
+
+    metres = {"units": "m"}
+    settle_s = log.scenario.get("metrics", {}).get("settle_s", SETTLE_S)
+    return xr.Dataset(
+        {
+            "position_m": ((*each, "axis"), stack("mean_m"), metres),
+            "covariance_m2": ((*each, "axis", "axis_b"), _square(covariance), {"units": "m2"}),
+            "truth_position_m": (("vehicle", "time", "axis"), _truth(log, t_ns), metres),
+            "yaw_rad": (each, stack("yaw_rad"), {"units": "rad"}),
+            "ess": (each, stack("ess"), {"units": "1", "long_name": "effective sample size"}),
+            "packet_bytes": (each, sent, {"units": "byte", "long_name": "bytes sent"}),
+            "rejected": (each, stack("rejected").astype(np.int64), {"long_name": "gated or rejected so far"}),
+            "off_chart": (each, stack("off_chart"), {"long_name": "no chart to go by: dead reckoning"}),
+            "heard": (each, heard, {"long_name": "a packet that arrived now was used"}),
+            "received": (("vehicle", "time"), received, {"long_name": "a signal could be heard now"}),
+        },
+        coords={
+            "navigator": list(names),
+            "vehicle": list(log.vehicles),
+            "time": ("time", t_ns * 1e-9, {"units": "s"}),
+            "axis": ["east", "north"],
+            "axis_b": ["east", "north"],
+        },
+        attrs={"mission": log.name, "seed": log.seed, "settle_s": float(settle_s)},
+    )
+
+
+def _square(upper: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[ee, en, nn] → 2 × 2."""
+    return upper[..., [0, 1, 1, 2]].reshape(*upper.shape[:-1], 2, 2)
+
+
+def _truth(log: MissionLog, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    """True positions at the record's instants, piecewise linear as vehicles move; NaN where unknown."""
+    out = np.full((len(log.vehicles), len(t_ns), 2), np.nan)
+    if log.truth is None:
+        return out
+    known_s = log.truth["time"].to_numpy()
+    position = log.truth["position_m"].to_numpy()
+    for v in range(len(log.vehicles)):
+        for axis in range(2):
+            out[v, :, axis] = np.interp(
+                t_ns * 1e-9, known_s, position[v, :, axis], left=np.nan, right=np.nan
+            )
+    return out
+
+
+def _packets(records: Sequence[dict[str, Any]]) -> dict[str, NDArray[Any]]:
+    columns = {key: np.concatenate([r["packets"][key] for r in records]) for key in records[0]["packets"]}
+    counts = [len(r["packets"]["sender"]) for r in records]
+    return {"navigator": np.repeat(np.arange(len(records)), counts), **columns}
+
+
+def _clouds(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, Any]]) -> xr.Dataset | None:
+    times = np.unique([t_ns for r in records for t_ns, *_ in r["clouds"]]).astype(np.int64)
+    most = max((len(w) for r in records for *_, w in r["clouds"]), default=0)
+    if not len(times):
+        return None
+    shape = (len(names), len(log.vehicles), len(times), most)
+    particles = np.full((*shape, 2), np.nan, np.float32)
+    weight = np.full(shape, np.nan, np.float32)
+    for k, record in enumerate(records):
+        for t_ns, vehicle, positions, weights in record["clouds"]:
+            at = np.searchsorted(times, t_ns)
+            particles[k, vehicle, at, : len(weights)] = positions
+            weight[k, vehicle, at, : len(weights)] = weights
+    dims = ("navigator", "vehicle", "cloud_time", "particle")
+    return xr.Dataset(
+        {"particles_m": ((*dims, "axis"), particles, {"units": "m"}), "weight": (dims, weight)},
+        coords={
+            "navigator": list(names),
+            "vehicle": list(log.vehicles),
+            "cloud_time": ("cloud_time", times * 1e-9, {"units": "s"}),
+            "axis": ["east", "north"],
+        },
+    )
