@@ -41,7 +41,7 @@ docs: $(UV)
 
 study: build                ## the long tests and the studies behind docs/results.md
 	.venv/bin/python -m pytest -m long
-	.venv/bin/python docs/results.py
+	.venv/bin/python studies/results.py
 
 clean:
 	rm -rf target .venv dist site uwcoop-demo

@@ -48,7 +48,14 @@ def test_time_update(golden: Any, name: str) -> None:
     for t, control in enumerate(case["U"]):
         # The golden control is a displacement per second; both agree on metres per second.
         position, kalman, covariance = kernels.propagate(
-            position, kalman, covariance, control, float(case["dt"]), case["Qpf"], case["Qkf"], case["noise"][t]
+            position,
+            kalman,
+            covariance,
+            control,
+            float(case["dt"]),
+            case["Qpf"],
+            case["Qkf"],
+            case["noise"][t],
         )
         near(position, case["pos"][t])
         near(kalman, case["kf"][t])

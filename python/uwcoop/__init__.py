@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from uwcoop.simulate import simulate
     from uwcoop.study import study
 
+__version__: str
+
 __all__ = [
     "Chart",
     "MissionLog",
@@ -43,6 +45,10 @@ _HOME = {
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("uwcoop")
     if name in {"kernels", "navigators"}:
         return import_module(f"uwcoop.{name}")
     raise AttributeError(f"module 'uwcoop' has no attribute {name!r}")

@@ -255,7 +255,7 @@ def _on_the_air(
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     air_s = air_time_s(link, slot_frames(acoustics))
     start = table.pop("arrival_s")
-    survive = np.full(start.size, _survive_probability(acoustics))
+    survive = np.full(start.size, survive_probability(acoustics))
     for receiver, clock in enumerate(clocks):
         here = np.flatnonzero(table["receiver"] == receiver)
         own = clock.true_time(slots["tol_ns"][slots["sender"] == receiver] / 1e9)
@@ -286,6 +286,7 @@ def _overlaps_each_other(starts: NDArray[np.float64], air_s: float) -> NDArray[n
     return hit
 
 
-def _survive_probability(acoustics: Acoustics) -> float:
+def survive_probability(acoustics: Acoustics) -> float:
+    """Probability that a frame arrives, collisions aside."""
     loss = acoustics.loss
     return 1.0 - loss.probability if isinstance(loss, IndependentLoss) else 1.0

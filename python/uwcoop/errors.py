@@ -34,6 +34,10 @@ class NavigatorError(UwcoopError, ValueError):
     """A navigator option, event or packet that is outside its bound."""
 
 
+class StudyError(UwcoopError, ValueError):
+    """A study that cannot be started or continued: another study's folder, damaged rows, a worker that died."""
+
+
 class TracksError(UwcoopError, ValueError):
     """Tracks that lack, or a request on them that does not allow, what a metric, figure or replay needs."""
 
@@ -47,3 +51,8 @@ class MissingDependencyError(UwcoopError, ImportError):
 
     def __init__(self, package: str, extra: str) -> None:
         super().__init__(f'{package} is not installed: pip install "uwcoop[{extra}]"')
+        self._made_of = package, extra
+
+    def __reduce__(self) -> tuple[type[MissingDependencyError], tuple[str, str]]:
+        # Exceptions are pickled by their message; this one comes back from a study's workers by its parts.
+        return type(self), self._made_of

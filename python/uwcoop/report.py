@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
@@ -35,9 +36,7 @@ def summary_table(
     )
     columns = _applicable(_RUN_COLUMNS, vehicles)
     names = {name: _navigator_cell(name, navigator, not_realisable) for name, navigator in navigators.items()}
-    table.add_column(
-        "navigator\npacket mean / max (B)\nrun time (s), × real time", min_width=_width(names.values())
-    )
+    table.add_column("navigator\npacket mean / max\nrun time, × real", min_width=_width(names.values()))
     lines = [Text(vehicle) for navigator in navigators.values() for vehicle in navigator["vehicles"]]
     table.add_column("vehicle", no_wrap=True, min_width=_width([Text("vehicle"), *lines]))
     blocks = {
@@ -61,41 +60,39 @@ def study_table(
     settle_s: float,
     vehicles: int | None = None,
     not_realisable: Collection[str] = (),
-) -> Table:
-    """A study's `summary.json`: one row per variant and navigator; columns that apply to nobody are left out.
+) -> Group:
+    """A study's `summary.json`: a table for each variant, all of one layout, one row per navigator.
 
-    With the number of `vehicles` the caption gives the interval in which the NEES of a consistent
-    navigator, averaged over runs and vehicles at one instant, lies 95 % of the time.
+    Columns that apply to nobody are left out. With the number of `vehicles` the caption gives the interval in
+    which the NEES of a consistent navigator, averaged over runs and vehicles at one instant, lies 95 % of the
+    time.
     """
     bounds = ""
     if vehicles is not None:
         low, high = metrics.anees_bounds(2, summary["runs"] * vehicles)
         bounds = f" At one instant, 95 % of consistent teams average {low:.2f} to {high:.2f}."
-    table = _table(
-        f"{summary['scenario']}, {summary['runs']} run{'s' if summary['runs'] != 1 else ''}",
+    caption = (
         f"Errors over the instants of the 1 Hz grid after {settle_s:g} s, all runs and vehicles. "
-        f"{_ANEES_CAPTION}{bounds} Lost: more than {metrics.LOST_BEYOND_M:g} m off at the end.",
+        f"{_ANEES_CAPTION}{bounds} Lost: more than {metrics.LOST_BEYOND_M:g} m off at the end."
     )
-    rows = [
-        (variant["set"] if first == 0 else None, name, values)
-        for variant in summary["variants"]
-        for first, (name, values) in enumerate(variant["navigators"].items())
-    ]
-    columns = _applicable(_STUDY_COLUMNS, [values for _, _, values in rows])
-    varied = any(variant["set"] for variant in summary["variants"])
-    if varied:
-        table.add_column("variant", overflow="fold")
-    names = [_name(name, not_realisable) for _, name, _ in rows]
-    table.add_column("navigator", min_width=_width(names))
-    cells = [[_cell(key, values, form) for _, _, values in rows] for key, _, form in columns]
-    for (_, heading, _), column in zip(columns, cells, strict=True):
-        _number_column(table, heading, column)
-    for k, (settings, _, _) in enumerate(rows):
-        if k and settings is not None:
-            table.add_section()
-        label = "" if settings is None else "\n".join(f"{key} = {value}" for key, value in settings.items())
-        table.add_row(*([label] if varied else []), names[k], *[column[k] for column in cells])
-    return table
+    variants = summary["variants"]
+    every = [values for variant in variants for values in variant["navigators"].values()]
+    columns = _applicable(_STUDY_COLUMNS, every)
+    names = [_name(name, not_realisable) for variant in variants for name in variant["navigators"]]
+    runs = f"{summary['scenario']}, {summary['runs']} run{'s' if summary['runs'] != 1 else ''}"
+    tables = []
+    for variant in variants:
+        settings = ", ".join(f"{key} = {value}" for key, value in variant["set"].items())
+        last = variant is variants[-1]
+        table = _table(f"{runs}: {settings}" if settings else runs, caption if last else None)
+        table.add_column("navigator", min_width=_width([Text("navigator"), *names]))
+        for key, heading, form in columns:
+            _number_column(table, heading, [_cell(key, values, form) for values in every])
+        for name, values in variant["navigators"].items():
+            cells = (_cell(key, values, form) for key, _, form in columns)
+            table.add_row(_name(name, not_realisable), *cells)
+        tables.append(table)
+    return Group(*tables)
 
 
 _ANEES_CAPTION = (
@@ -134,7 +131,7 @@ _STUDY_COLUMNS: _Columns = (
 )
 
 
-def _table(title: str, caption: str) -> Table:
+def _table(title: str, caption: str | None) -> Table:
     return Table(
         title=title, caption=caption, caption_justify="left", header_style="bold", box=SIMPLE_HEAD,
         padding=(0, 1, 0, 0), pad_edge=False,

@@ -11,9 +11,10 @@ import numpy as np
 import xarray as xr
 
 from uwcoop import _native, metrics
+from uwcoop.budget import refuse_misfits
 from uwcoop.errors import LogError
 from uwcoop.missionlog import MissionLog
-from uwcoop.missionlog.validate import validate
+from uwcoop.missions import open_mission
 from uwcoop.navigators import NAVIGATORS, Context, Custom, build, native_chart, options_of
 
 if TYPE_CHECKING:
@@ -55,7 +56,8 @@ def run(
     navigators: Iterable[str | Custom] | None = None,
     *,
     seed: int | None = None,
-    chart: Chart | None = None,
+    chart: Chart | str | Path | None = None,
+    overrides: Sequence[str] = (),
     clouds: bool = True,
     threads: int = 1,
     progress: Callable[[str], None] | None = None,
@@ -67,6 +69,7 @@ def run(
         navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones; None for all packaged ones.
         seed: of the simulation and of the navigators; None takes the mission's own.
         chart: the navigators' chart; None takes the mission's. For a log with another chart it is refused.
+        overrides: "dotted.key=value" each: any key of a scenario, `navigator.*` of a log.
         clouds: whether to keep particles for pictures.
         threads: navigators that run side by side (0: all cores). The results are the same bits for any number.
         progress: called with a navigator's name when it is done.
@@ -74,12 +77,13 @@ def run(
     Raises:
         ScenarioError, LogError, ChartError, NavigatorError: one line that says what is wrong.
     """
-    log = _mission(mission, seed, chart)
+    log = open_mission(mission, seed, chart, overrides)
     chosen = list(NAVIGATORS) if navigators is None else list(navigators)
     names = [n if isinstance(n, str) else n.name for n in chosen]
     repeated = {n for n in names if names.count(n) > 1}
     if repeated:
         raise LogError(f"navigator {sorted(repeated)[0]!r} is asked for more than once")
+    refuse_misfits((n for n in chosen if isinstance(n, str)), log.scenario, len(log.vehicles))
     filter_seed = log.seed if seed is None else seed
     native = native_mission(log)
     sample_ns = sample_times_ns(log)
@@ -106,25 +110,6 @@ def run(
         clouds=_clouds(log, names, records) if clouds else None,
         seconds=seconds,
     )
-
-
-def _mission(mission: MissionLog | Scenario | str | Path, seed: int | None, chart: Chart | None) -> MissionLog:
-    if isinstance(mission, MissionLog):
-        log = mission
-        if chart is not None:
-            if log.chart is not None and log.chart.sha256 != chart.sha256:
-                raise LogError(f"the log's chart is {log.chart.sha256}, the chart given is {chart.sha256}")
-            log.chart = chart
-    elif isinstance(mission, str | Path) and Path(mission).suffix == ".mcap":
-        from uwcoop.missionlog.mcap import load_log
-
-        return load_log(mission, chart=chart)
-    else:
-        from uwcoop.simulate import simulate
-
-        return simulate(mission, seed=seed, chart=chart)
-    validate(log)
-    return log
 
 
 def native_mission(log: MissionLog) -> _native.Mission:
@@ -232,9 +217,7 @@ def _truth(log: MissionLog, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     position = log.truth["position_m"].to_numpy()
     for v in range(len(log.vehicles)):
         for axis in range(2):
-            out[v, :, axis] = np.interp(
-                t_ns * 1e-9, known_s, position[v, :, axis], left=np.nan, right=np.nan
-            )
+            out[v, :, axis] = np.interp(t_ns * 1e-9, known_s, position[v, :, axis], left=np.nan, right=np.nan)
     return out
 
 

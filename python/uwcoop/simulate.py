@@ -10,8 +10,9 @@ import numpy as np
 
 from uwcoop import acoustics, sensors
 from uwcoop import scenario as scenarios
-from uwcoop.errors import ScenarioError
+from uwcoop.errors import ChartError, ScenarioError
 from uwcoop.missionlog.model import MissionLog
+from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.vehicles import team_motion
 
 if TYPE_CHECKING:
@@ -75,11 +76,22 @@ def open_chart(spec: ChartSpec) -> Chart:
     Raises:
         ChartError: an unknown synthetic chart, or a file that cannot be read as a chart.
     """
-    if spec.synthetic is not None:
-        return _synthetic(spec.synthetic, tuple(spec.options().items()))
+    return open_source(spec.source, **spec.options())
+
+
+def open_source(source: str, **options: Any) -> Chart:
+    """The chart of a source as scenarios write it: "synthetic:NAME", or a path with `load_chart`'s options.
+
+    Raises:
+        ChartError: an unknown synthetic chart, or a file that cannot be read as a chart.
+    """
+    if source.startswith(SYNTHETIC):
+        if of_files := sorted(options.keys() - {"seed", "relief"}):
+            raise ChartError(f"{of_files[0]} is for chart files: {source} is made, not read")
+        return _synthetic(source.removeprefix(SYNTHETIC), tuple(options.items()))
     from uwcoop.charts import load_chart
 
-    return load_chart(Path(spec.source), **spec.options())
+    return load_chart(source, **options)
 
 
 @lru_cache(maxsize=4)

@@ -29,6 +29,8 @@ CORRELATION_LENGTH_M = 10.0
 """Default correlation length of a sounded chart's error: where residuals between surveys fall to half."""
 _LEAST_RESIDUALS = 20
 _FOLDS = 5
+_LEAST_PATCH_NODES = 8
+_LEAST_PATCH_SHARE = 1 / 200
 
 
 def grid_soundings(
@@ -132,16 +134,16 @@ def _check(east: Values, north: Values, depth: Values, cell_m: float | None, max
 
 def _cell_for(east: Values, north: Values) -> float:
     """From 1-2-5: at least 1 m, and no finer than the soundings would lie if spread evenly."""
-    spacing = np.sqrt(_hull_area(east, north) / east.size)
+    spacing = np.sqrt(_hull(east, north).volume / east.size)  # volume is area in the plane
     steps = [step * 10.0**power for power in range(5) for step in (1, 2, 5)]
     return next((step for step in steps if step >= spacing), steps[-1])
 
 
-def _hull_area(east: Values, north: Values) -> float:
+def _hull(east: Values, north: Values) -> Any:
+    """The convex hull of positions, which must not lie on one line."""
     spatial = _scipy_spatial()
-    points = np.column_stack([east, north])
     try:
-        return float(spatial.ConvexHull(points).volume)
+        return spatial.ConvexHull(np.column_stack([east, north]))
     except spatial.QhullError as error:
         raise ChartError("soundings lie on one line: a chart needs soundings across it too") from error
 
@@ -183,26 +185,29 @@ def _interpolated(
 
 def _linear(known: tuple[Values, Values, Values], at: tuple[Values, Values]) -> Values:
     """Linear interpolation on Delaunay triangles; NaN outside their hull."""
-    if at[0].size == 0:
-        return np.zeros(0)
     e, n, z = known
-    spatial = _scipy_spatial()
-    try:
+    result = np.full(at[0].shape, np.nan)
+    hull = _hull(e, n).equations
+    # The search for a point's triangle walks there when it has one, and tries them all when it has none.
+    inside = np.all([a * at[0] + b * at[1] + c <= 1e-9 for a, b, c in hull], axis=0)
+    if inside.any():
         # Metres both ways: rescaling would change which soundings are neighbours.
-        return np.asarray(_verde().Linear(rescale=False).fit((e, n), z).predict(at), dtype=np.float64)
-    except spatial.QhullError as error:
-        raise ChartError("soundings lie on one line: a chart needs soundings across it too") from error
+        surface = _verde().Linear(rescale=False).fit((e, n), z)
+        result[inside] = surface.predict((at[0][inside], at[1][inside]))
+    return result
 
 
 def _without_strays(grid: Values, said: list[str]) -> Values:
-    """The grid without patches of less than a five-hundredth of the largest: stray positions, not chart."""
+    """The grid without patches that are tiny beside the largest: those come from stray positions."""
     try:
         from scipy import ndimage
     except ImportError as error:
         raise MissingDependencyError("scipy", "maps") from error
     patch, count = ndimage.label(np.isfinite(grid), structure=np.ones((3, 3)))
     sizes = np.bincount(patch.ravel(), minlength=count + 1)[1:]
-    stray = np.flatnonzero(sizes < sizes.max() / 500)
+    stray = np.flatnonzero(
+        sizes < min(sizes.max(), max(_LEAST_PATCH_NODES, sizes.max() * _LEAST_PATCH_SHARE))
+    )
     if not stray.size:
         return grid
     said.append(f"{sizes[stray].sum()} nodes in {stray.size} stray patches far from the rest left out")

@@ -83,9 +83,9 @@ def fisher_information(chart: Chart, sounding: Sounding | None = None) -> Grid:
 
 
 def reachable_sigma(chart: Chart, sounding: Sounding | None = None) -> Grid:
-    """Standard deviation of position where a crossing tells least about it, metres, (rows, cols).
+    """Standard deviation of position in the worse direction after one crossing, metres, (rows, cols).
 
-    It is that of the worse direction: infinite where a direction stays unknown; NaN at holes and where less than half the window is charted.
+    Infinite where a direction stays unknown; NaN at holes and where less than half the window is charted.
     """
     matrix = fisher_information(chart, sounding)
     a, b, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]

@@ -53,6 +53,7 @@ def load_chart(
         positive: "up" or "down", the way the file's numbers grow; None: the file's word, or the values' sign.
         depth_unit: "m", "ft" or "fathom"; None: the file's, where feet and fathoms are refused.
         columns: of soundings: their names in the header, or without a header what each is: "lon,lat,depth".
+            A fourth names the survey (a day, a line) that a sounding belongs to; surveys judge each other.
         cell_m: distance between nodes; None: the grid's own, or after the soundings' density.
         sigma_map_m: standard deviation of the chart's error; None: 0 for grids, from residuals for soundings.
         correlation_length_m: of that error; None: 0 for grids, 10 m for soundings.

@@ -144,10 +144,16 @@ def _choose(
         raise ChartError(f"{name} has no column {absent[0]!r}: it has {', '.join(header)}")
     places = [by_name[column.lower()] for column in wanted]
     if len(wanted) >= 3 and any(_role(column) is None for column in wanted[:3]):
-        place = dict(zip(("east", "north", "depth"), places, strict=False))
+        place = dict(zip(("east", "north", "depth", "survey"), places, strict=False))
         note = f"columns {', '.join(wanted[:3])} taken in the order east, north, depth"
         return _Columns(place, dict(zip(place, wanted, strict=False)), (note,))
-    return _by_role([header[p] for p in places], places, prefer_projected, name, positional=True)
+    labels = [header[place] for place in places]
+    if len(labels) == 4 and _role(labels[3]) is None:
+        chosen = _by_role(labels[:3], places[:3], prefer_projected, name, positional=True)
+        return _Columns(
+            chosen.place | {"survey": places[3]}, chosen.label | {"survey": labels[3]}, chosen.notes
+        )
+    return _by_role(labels, places, prefer_projected, name, positional=True)
 
 
 def _by_role(

@@ -69,15 +69,15 @@ def _st_john(rng: np.random.Generator, nodes: int) -> Grid:
     east, north = axis[None, :], axis[:, None]
     azimuth = rng.uniform(0, 2 * np.pi)
     offshore = ((east - side / 2) * np.cos(azimuth) + (north - side / 2) * np.sin(azimuth)) / side
-    depth = 14.0 + 11.0 * np.tanh(3.0 * offshore) + 2.7 * _spectral(rng, nodes, 250.0, 900.0, 2.0)
+    depth = 14.0 + 11.0 * np.tanh(3.5 * offshore) + 2.2 * _spectral(rng, nodes, 250.0, 900.0, 2.0)
     basin = 21.0 + 0.1 * _spectral(rng, nodes, 300.0, 1000.0, 2.0)
     platform = 6.0 + 0.1 * _spectral(rng, nodes, 300.0, 1000.0, 2.0)
     depth = _soft_minimum(depth, basin, 0.8)
     depth = -_soft_minimum(-depth, -platform, 0.8)
     depth += _channel(rng, east, north, side)
     depth -= _mounds(rng, east, north, side)
-    depth += 1.2 * _patches(rng, nodes, 350.0) * _spectral(rng, nodes, 10.0, 110.0, 1.5)
-    depth += 0.05 * _spectral(rng, nodes, 40.0, 150.0, 1.5)
+    depth += _patches(rng, nodes, 350.0) * _spectral(rng, nodes, 10.0, 90.0, 1.3)
+    depth += 0.02 * _spectral(rng, nodes, 40.0, 150.0, 1.5)
     return np.asarray(-_soft_minimum(-depth, np.full_like(depth, -1.5), 0.3))
 
 
@@ -129,7 +129,7 @@ def _channel(rng: np.random.Generator, east: Grid, north: Grid, side: float) -> 
 def _mounds(rng: np.random.Generator, east: Grid, north: Grid, side: float) -> Grid:
     """Height added by round mounds strewn over the chart, metres."""
     total = np.zeros((north.size, east.size))
-    for _ in range(round(12 * (side / 1000.0) ** 2)):
+    for _ in range(round(8 * (side / 1000.0) ** 2)):
         e, n = rng.uniform(0, side, 2)
         radius, height = rng.uniform(12, 35), rng.uniform(0.6, 3.0)
         total += (

@@ -39,13 +39,15 @@ def chart_figure(chart: Chart, sounding: Sounding | None = None) -> Figure:
     beside = tall > 0.5  # a wide chart's two maps stand one above the other
     width = 12.0 if beside else 10.0
     panel = (width / 2 if beside else width) - 1.7
-    height = panel * tall * (1 if beside else 2) + (1.3 if beside else 2.0)
+    height = panel * tall * (1 if beside else 2) + (1.5 if beside else 2.2)
     figure = Figure(figsize=(width, float(np.clip(height, 4.0, 14.0))), layout="constrained")
     axes = figure.subplots(*((1, 2) if beside else (2, 1)), sharex=True, sharey=True)
     draw_depth(axes[0], chart)
     _draw_information(axes[1], chart, sounding)
     facts = describe(chart, sounding)
     figure.suptitle(_title(facts))
+    # One pass of the layout cuts labels off where maps of equal scales do not fill their places.
+    figure.draw_without_rendering()
     return figure
 
 

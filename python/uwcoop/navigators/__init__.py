@@ -96,9 +96,7 @@ class Spec:
     make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator]
 
 
-def _dead_reckoning(
-    context: Context, options: Mapping[str, Any], _chart: _native.Chart | None
-) -> Navigator:
+def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
     return _native.Navigator.dead_reckoning(context.vehicle, dict(options))
 
 
@@ -155,13 +153,17 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
     every = {field for spec in NAVIGATORS.values() for field in spec.options.model_fields}
     for option in common:
         if option not in every:
-            raise NavigatorError(f"navigator.all.{option}: no navigator has this option{_nearest(option, every)}")
+            raise NavigatorError(
+                f"navigator.all.{option}: no navigator has this option{_nearest(option, every)}"
+            )
     own = {key: value for key, value in common.items() if key in model.model_fields}
     own |= tables.get(name, {})
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:
-            raise NavigatorError(f"navigator.{name}.{option} is {own[option]}: this navigator has it at {value}")
+            raise NavigatorError(
+                f"navigator.{name}.{option} is {own[option]}: this navigator has it at {value}"
+            )
     try:
         return model(**(own | dict(fixed)))
     except ValidationError as invalid:

@@ -28,7 +28,9 @@ def packaged() -> list[tuple[str, str]]:
     return [(name, str(_packaged_table(name).get("description", ""))) for name in _packaged_names()]
 
 
-def load(name_or_path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
+def load(
+    name_or_path: str | Path, overrides: Iterable[str] = (), settings: Mapping[str, Any] | None = None
+) -> Scenario:
     """Read a packaged scenario by its name, or a scenario file (TOML, or JSON as `resolved` gives it) by its
     path.
 
@@ -37,6 +39,7 @@ def load(name_or_path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
     Args:
         name_or_path: e.g. "st-john" or "missions/bay.toml".
         overrides: "dotted.key=value" each, values in TOML syntax.
+        settings: values by dotted key, set after the overrides.
 
     Raises:
         ScenarioError: one line that names what is wrong.
@@ -51,7 +54,7 @@ def load(name_or_path: str | Path, overrides: Iterable[str] = ()) -> Scenario:
             raise ScenarioError(f"scenario {text!r} is neither a file nor packaged: {nearest(text, known)}")
         table = _read(path)
         _resolve_paths(table, path.resolve().parent)
-    return parse(apply_overrides(table, overrides), text)
+    return parse(apply_settings(apply_overrides(table, overrides), settings or {}), text)
 
 
 def parse(table: Mapping[str, Any], where: str = "scenario") -> Scenario:
@@ -84,12 +87,50 @@ def apply_overrides(table: Mapping[str, Any], overrides: Iterable[str]) -> dict[
     """
     changed: dict[str, Any] = copy.deepcopy(dict(table))
     for override in overrides:
-        dotted, equals, text = override.partition("=")
-        keys = [key.strip() for key in dotted.split(".")]
-        if not equals or not all(keys):
-            raise ScenarioError(f"override {override!r} is not of the form dotted.key=value")
-        _set(changed, keys, _value(text.strip(), override), override)
+        dotted, text = _halves(override)
+        _set(changed, dotted.split("."), _value(text, override), override)
     return changed
+
+
+def apply_settings(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """As `apply_overrides`, with values by dotted key.
+
+    Raises:
+        ScenarioError: a key that leads nowhere.
+    """
+    changed: dict[str, Any] = copy.deepcopy(dict(table))
+    for dotted, value in settings.items():
+        _set(changed, dotted.split("."), value, f"{dotted}={value}")
+    return changed
+
+
+def alternatives(override: str) -> tuple[str, list[Any]]:
+    """The key and the values of "dotted.key=v1,v2": TOML values or bare words, at least one, no two the same.
+
+    Raises:
+        ScenarioError: not of this form.
+    """
+    dotted, text = _halves(override)
+    try:
+        parsed = tomllib.loads(f"value = [{text}]")
+    except tomllib.TOMLDecodeError:
+        parsed = {}
+    if parsed.keys() == {"value"}:
+        values = list(parsed["value"])
+    else:
+        values = [_value(part.strip(), override) for part in text.split(",")]
+    said = [json.dumps(value, default=str) for value in values]
+    if not values or len(set(said)) < len(said):
+        raise ScenarioError(f"{override!r}: needs one value or more, no two the same")
+    return dotted, values
+
+
+def _halves(override: str) -> tuple[str, str]:
+    dotted, equals, text = override.partition("=")
+    keys = [key.strip() for key in dotted.split(".")]
+    if not equals or not all(keys):
+        raise ScenarioError(f"override {override!r} is not of the form dotted.key=value")
+    return ".".join(keys), text.strip()
 
 
 def _value(text: str, override: str) -> Any:

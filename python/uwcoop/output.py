@@ -1,0 +1,151 @@
+"""What a run leaves behind: its folder, each file whole or not at all."""
+
+from __future__ import annotations
+
+import errno
+import json
+import secrets
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from uwcoop.errors import ChartError, MissingDependencyError, TracksError
+
+if TYPE_CHECKING:
+    from uwcoop.charts import Chart
+    from uwcoop.run import RunResult
+
+__all__ = ["refuse_file", "resolved_scenario", "summary_text", "whole", "write_chart_picture", "write_run"]
+
+_CHART_DPI = 130
+
+
+@contextmanager
+def whole(target: Path) -> Iterator[Path]:
+    """A temporary path beside `target`, renamed to it when the block ends well and removed otherwise.
+
+    The temporary name keeps the suffix, because writers tell the format by it.
+    """
+    partial = target.with_name(f".{target.stem}.{secrets.token_hex(4)}.part{target.suffix}")
+    try:
+        yield partial
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def refuse_file(folder: Path) -> None:
+    """Raise `NotADirectoryError` if something that is not a folder has this name; makes nothing."""
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, "is a file, the output must be a folder", str(folder))
+
+
+def summary_text(summary: Mapping[str, Any]) -> str:
+    """A summary as the JSON that is written and printed."""
+    return json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
+
+
+def write_run(result: RunResult, folder: Path, note: Callable[[str], None]) -> list[str]:
+    """Write `summary.json`, `scenario.json`, `tracks.nc`, `errors.png`, `map.png` and `replay.rrd`.
+
+    Args:
+        result: what was run.
+        folder: made if it does not exist; files of an earlier run in it are replaced.
+        note: called with one line for each file that could not be made, because an optional dependency is
+            missing or because the mission does not hold what it shows.
+
+    Returns:
+        Names of the files written.
+    """
+    refuse_file(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    writers: dict[str, Callable[[RunResult, Path], None]] = {
+        "summary.json": lambda r, path: _write_json(r.summary, path),
+        "scenario.json": lambda r, path: _write_json(resolved_scenario(r), path),
+        "tracks.nc": _write_tracks,
+        "errors.png": _write_errors,
+        "map.png": _write_map,
+        "replay.rrd": _write_replay,
+    }
+    written = []
+    for name, write in writers.items():
+        try:
+            with whole(folder / name) as partial:
+                write(result, partial)
+        except (MissingDependencyError, TracksError) as reason:
+            note(f"{name} is left out: {reason}")
+        else:
+            written.append(name)
+    return written
+
+
+def resolved_scenario(result: RunResult) -> dict[str, Any]:
+    """The mission's scenario with the seed of this run and every option of the navigators that took part.
+
+    `scenario.load` reads it back, so that a result can be had again when defaults have changed.
+    """
+    from uwcoop.navigators import NAVIGATORS, options_of
+
+    took_part = [str(name) for name in result.tracks["navigator"].values]
+    options = {
+        name: options_of(name, result.log.scenario).model_dump(exclude_none=True)
+        for name in took_part
+        if name in NAVIGATORS
+    }
+    scenario = result.log.scenario
+    return {**scenario, "seed": result.log.seed, "navigator": {**scenario.get("navigator", {}), **options}}
+
+
+def write_chart_picture(chart: Chart, path: Path) -> None:
+    """Write depths and where terrain helps as a picture; the suffix tells the format.
+
+    Raises:
+        MissingDependencyError: without matplotlib.
+        ChartError: a suffix that matplotlib does not know.
+    """
+    from uwcoop.figures.chart import chart_figure
+
+    figure = chart_figure(chart)
+    known = figure.canvas.get_supported_filetypes()
+    if path.suffix[1:].lower() not in known:
+        raise ChartError(f"picture {path} must end in one of .{', .'.join(known)}")
+    with whole(path) as partial:
+        figure.savefig(partial, dpi=_CHART_DPI)
+
+
+def _write_json(content: Mapping[str, Any], path: Path) -> None:
+    path.write_text(summary_text(content) + "\n", encoding="utf-8")
+
+
+def _write_tracks(result: RunResult, path: Path) -> None:
+    compressed = {
+        name: {"zlib": True, "complevel": 4, "shuffle": True}
+        for name, values in result.tracks.data_vars.items()
+        if values.dtype.kind in "fib"
+    }
+    result.tracks.to_netcdf(path, engine="h5netcdf", encoding=compressed)
+
+
+def _write_errors(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.errors import errors_figure
+
+    errors_figure(result.tracks, result.packets).savefig(path)
+
+
+def _write_map(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.map import map_figure
+
+    map_figure(result.tracks, _chart(result)).savefig(path)
+
+
+def _write_replay(result: RunResult, path: Path) -> None:
+    from uwcoop.viewer import write_replay
+
+    write_replay(path, result.tracks, result.packets, result.clouds, _chart(result), result.log)
+
+
+def _chart(result: RunResult) -> Any:
+    if result.log.chart is None:
+        raise TracksError("the mission has no chart")
+    return result.log.chart
