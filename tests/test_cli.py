@@ -72,7 +72,8 @@ def mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_help_is_there_fast_without_the_heavy_imports() -> None:
-    code = "import uwcoop.cli, sys; print([m for m in ('numpy', 'xarray', 'pydantic', 'matplotlib', 'rerun') if m in sys.modules])"
+    heavy = ("numpy", "xarray", "pydantic", "matplotlib", "rerun")
+    code = f"import uwcoop.cli, sys; print([m for m in {heavy} if m in sys.modules])"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert loaded.stdout.strip() == "[]"
     done = in_process("--help")
@@ -106,7 +107,9 @@ def test_interrupt_is_130(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("uwcoop.run.open_mission", interrupted)
+    from uwcoop.run import run
+
+    monkeypatch.setitem(run.__globals__, "open_mission", interrupted)
     result = uwcoop("run", "st-john")
     assert (result.exit_code, result.stderr) == (130, "interrupted\n")
 
@@ -210,17 +213,28 @@ def test_chart_reads_soundings_as_told() -> None:
     assert (float(depths[1]), float(depths[2])) == pytest.approx((10.0, 15.8), abs=0.2)
 
 
-def test_a_chart_file_takes_the_place_of_the_scenarios() -> None:
+def _bay(path: Path) -> None:
     depth = 10 + np.random.default_rng(0).normal(size=(201, 201)).astype(np.float32).cumsum(axis=0) / 20
     axes = {"y": np.arange(0.0, 1005, 5), "x": np.arange(0.0, 1005, 5)}
-    attributes = {"units": "m", "positive": "down"}
-    grid = xr.Dataset({"depth": (("y", "x"), depth.clip(3), attributes)}, coords=axes)
-    grid.to_netcdf("bay.nc", engine="h5netcdf")
-    succeeds("simulate", "st-john", *SHORT, "--chart", "bay.nc", "--set", "chart.crs=local", "-o", "own.mcap")
+    grid = xr.Dataset({"depth": (("y", "x"), depth.clip(3), {"units": "m", "positive": "down"})}, coords=axes)
+    grid.to_netcdf(path, engine="h5netcdf")
+
+
+def test_a_chart_file_takes_the_place_of_the_scenarios() -> None:
+    bay = Path("bay.nc")
+    _bay(bay)
+    local = ("--chart", bay, "--set", "chart.crs=local")
+    succeeds("simulate", "st-john", *SHORT, *local, "-o", "own.mcap")
     log = load_log("own.mcap")
     assert log.chart is not None
     assert log.chart.cell_m == 5
-    assert log.scenario["chart"]["source"] == str(Path("bay.nc").resolve())
+    assert log.scenario["chart"]["source"] == str(bay.resolve())
+    succeeds("run", "own.mcap", *local, "-n", "mpf", "-o", "same")
+    assert "unknown key 'crss'" in refusal("run", "own.mcap", "--chart", bay, "--set", "chart.crss=local")
+    write_log(replace(log, chart=None), "bare.mcap")
+    succeeds("run", "bare.mcap", *local, "-n", "mpf", "-o", "added")
+    with xr.open_dataset("same/tracks.nc") as a, xr.open_dataset("added/tracks.nc") as b:
+        assert a.identical(b)
 
 
 def test_budget_shows_the_arithmetic_and_refuses_what_does_not_fit() -> None:
@@ -268,7 +282,6 @@ def test_view_needs_a_replay() -> None:
     assert refusal("view", ".") == "no replay replay.rrd: `uwcoop run MISSION -o .` writes one"
 
 
-@pytest.mark.long
 def test_demo_writes_everything() -> None:
     succeeds("demo")
     assert {p.name for p in Path("uwcoop-demo").iterdir()} == {
@@ -377,9 +390,9 @@ def test_a_log_cut_off_or_with_another_chart_is_refused(mission: Path, tmp_path:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(content[: len(content) // 2])
     assert "cut off" in refusal("run", cut, "-o", "out")
-    other = tmp_path / "other.csv"
-    _soundings(other)
-    line = refusal("run", mission, "--chart", other, "-o", "out")
+    other = tmp_path / "other.nc"
+    _bay(other)
+    line = refusal("run", mission, "--chart", other, "--set", "chart.crs=local", "-o", "out")
     assert "belongs to chart 'st-john' with SHA-256" in line
     assert not os.listdir(".")
 

@@ -33,19 +33,21 @@ def open_mission(
     Args:
         mission: see above.
         seed: of the simulation; a log has its own.
-        chart: a log's must be this one; a scenario gets it instead of its own.
-        overrides: "dotted.key=value" each. A log has happened: only `navigator.*` can be changed in it.
+        chart: a scenario gets it instead of its own. A log's must be this one; a log without a chart gets it,
+            around the log's own origin if it is read from a file.
+        overrides: "dotted.key=value" each. A log has happened: only `navigator.*` can be changed in it, and
+            `chart.*` says how to read the chart file that is given.
 
     Raises:
         ScenarioError, LogError, ChartError: one line that says what is wrong.
     """
     if isinstance(mission, MissionLog):
         validate(mission)
-        return _told(_with_chart(mission, _loaded(chart)), overrides)
+        return _told(mission, chart, overrides)
     if isinstance(mission, str | Path) and Path(mission).suffix == LOG_SUFFIX:
         from uwcoop.missionlog.mcap import load_log
 
-        return _told(load_log(mission, chart=_loaded(chart)), overrides)
+        return _told(load_log(mission), chart, overrides)
     from uwcoop.simulate import simulate
 
     if isinstance(chart, str | Path):
@@ -72,29 +74,38 @@ def load_scenario(
     )
 
 
-def _loaded(chart: Chart | str | Path | None) -> Chart | None:
-    if not isinstance(chart, str | Path):
-        return chart
-    from uwcoop.charts import load_chart
-
-    return load_chart(chart)
-
-
-def _with_chart(log: MissionLog, chart: Chart | None) -> MissionLog:
-    if chart is None:
-        return log
-    if log.chart is not None and log.chart.sha256 != chart.sha256:
-        raise LogError(f"the log's chart is {log.chart.sha256}, the chart given is {chart.sha256}")
-    return replace(log, chart=chart)
-
-
-def _told(log: MissionLog, overrides: Sequence[str]) -> MissionLog:
-    for override in overrides:
-        if override.split(".")[0].strip() != "navigator":
+def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence[str]) -> MissionLog:
+    """The log with its chart checked or added, and with navigators' options changed."""
+    tables = {
+        override: override.split(".")[0].strip() if "." in override.partition("=")[0] else ""
+        for override in overrides
+    }
+    possible = {"navigator", "chart"} if isinstance(chart, str | Path) else {"navigator"}
+    for override, table in tables.items():
+        if table not in possible:
             raise ScenarioError(
                 f"override {override!r}: mission {log.name!r} is a log and has happened, "
                 "only navigator.* can be changed"
             )
-    if not overrides:
-        return log
-    return replace(log, scenario=scenarios.apply_overrides(log.scenario, overrides))
+    if chart is not None:
+        reading = [override for override in overrides if tables[override] == "chart"]
+        log = _with_chart(log, chart, reading)
+    options = [override for override in overrides if tables[override] == "navigator"]
+    return replace(log, scenario=scenarios.apply_overrides(log.scenario, options)) if options else log
+
+
+def _with_chart(log: MissionLog, chart: Chart | str | Path, reading: Sequence[str]) -> MissionLog:
+    if isinstance(chart, str | Path):
+        from uwcoop.charts import load_chart
+
+        spec = scenarios.chart_spec({"source": str(chart)}, reading)
+        known = log.chart is None and log.origin.latitude_deg is not None
+        chart = load_chart(chart, **spec.options(), origin=log.origin if known else None)
+    if log.chart is None:
+        return replace(log, chart=chart)
+    if log.chart.sha256 != chart.sha256:
+        raise LogError(
+            f"mission {log.name!r} belongs to chart {log.chart.name!r} with SHA-256 {log.chart.sha256}, "
+            f"not to {chart.name!r} with SHA-256 {chart.sha256}"
+        )
+    return log

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::kernels::likelihood::{RangeBelief, range_eq17};
 use crate::kernels::particles::{cholesky_2x2, gather, liu_west, liu_west_bandwidth, roughen};
+use crate::kernels::math::exp;
 use crate::kernels::weights::{self, moments, weighted_mean};
 use crate::noise::Stream;
 
@@ -127,6 +128,23 @@ impl<const K: usize> Cloud<K> {
         let mut column = std::mem::take(&mut self.scratch.column);
         column.fill(0.0);
         column
+    }
+
+    /// Effective sample size that [`Cloud::reweight`] would leave; 0 if it would refuse.
+    #[must_use]
+    pub fn ess_after(&self, log_likelihood: &[f64]) -> f64 {
+        let posterior = || log_likelihood.iter().zip(&self.log_weights).map(|(l, w)| l + w);
+        let top = posterior().fold(f64::NEG_INFINITY, f64::max);
+        if !top.is_finite() {
+            return 0.0;
+        }
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for shifted in posterior().map(|l| l - top) {
+            let w = if shifted > -40.0 { exp(shifted) } else { 0.0 };
+            sum += w;
+            squares += w * w;
+        }
+        sum * sum / squares
     }
 
     /// Multiplies the weights by exp(log-likelihood) and normalises; takes the scratch column back.

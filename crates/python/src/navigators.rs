@@ -211,6 +211,7 @@ impl Options<'_, '_> {
             correlation_length_m: self.maybe("correlation_length_m")?,
             sigma_map_m: self.maybe("sigma_map_m")?,
             sounding_spacing_m: self.number("sounding_spacing_m")?,
+            least_ess_share: self.number("least_ess_share")?,
             monitor: self.monitor()?,
             range: self.range()?,
             packet: self.packet()?,

@@ -118,6 +118,8 @@ class MpfOptions(FilterOptions):
     """Sigma of the chart's error; None: as the chart states."""
     sounding_spacing_m: NonNegative = 0.0
     """Least distance between the soundings that are used."""
+    least_ess_share: Annotated[float, Field(ge=0, le=0.5)] = 0.02
+    """A sounding that would leave a smaller effective share of the particles is softened: sigma doubled, six times at most."""
     bias_states: bool = False
     """Compass and thrust bias as further Kalman states."""
     range_method: Literal["gaussian"] = "gaussian"

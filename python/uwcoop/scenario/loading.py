@@ -15,7 +15,7 @@ from pydantic import ValidationError
 
 from uwcoop.errors import ScenarioError
 from uwcoop.scenario.base import nearest
-from uwcoop.scenario.chart import SYNTHETIC
+from uwcoop.scenario.chart import SYNTHETIC, ChartSpec
 from uwcoop.scenario.models import Scenario
 from uwcoop.scenario.report import one_line
 
@@ -102,6 +102,19 @@ def apply_settings(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dic
     for dotted, value in settings.items():
         _set(changed, dotted.split("."), value, f"{dotted}={value}")
     return changed
+
+
+def chart_spec(table: Mapping[str, Any], overrides: Iterable[str] = ()) -> ChartSpec:
+    """A `[chart]` table alone, with overrides "chart.key=value".
+
+    Raises:
+        ScenarioError: one line that names what is wrong.
+    """
+    changed = apply_overrides({"chart": dict(table)}, overrides)
+    try:
+        return ChartSpec.model_validate(changed["chart"])
+    except ValidationError as error:
+        raise ScenarioError(one_line(error, changed["chart"], "chart")) from None
 
 
 def alternatives(override: str) -> tuple[str, list[Any]]:

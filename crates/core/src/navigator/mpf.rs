@@ -10,6 +10,7 @@ use super::common::{Drift, ParticleCore, Radio, check_event, load, save, seconds
 use super::range::RangeOptions;
 use super::{Estimate, Navigator, Outcome, Particles};
 use crate::chart::Chart;
+use crate::cloud::Cloud;
 use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::likelihood::OffsetModel;
@@ -59,6 +60,8 @@ pub struct MpfOptions {
     pub sigma_map_m: Option<f64>,
     /// Least distance between soundings that are used, m.
     pub sounding_spacing_m: f64,
+    /// Share of the particles that a sounding must leave as effective sample size; 0 never softens one.
+    pub least_ess_share: f64,
     /// Health monitor.
     pub monitor: Option<MonitorOptions>,
     /// Range likelihood; none leaves ranges unused and keeps silent.
@@ -74,6 +77,9 @@ const MOST_SHARED: f64 = 1e6;
 
 /// No echo sounder is better than a millimetre, m.
 const LEAST_SIGMA_M: f64 = 1e-3;
+
+/// A sounding that would leave too few particles is weighed again with twice the sigma, at most so many times.
+const SOFTENINGS: usize = 6;
 
 /// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) linear states.
 pub struct Mpf<const K: usize> {
@@ -163,39 +169,28 @@ impl<const K: usize> Mpf<K> {
         }
         let correlation_m = self.options.correlation_length_m.unwrap_or(chart.correlation_length_m());
         let shared = apart_m.map_or(1.0, |d| (2.0 * correlation_m / d.max(1e-9)).clamp(1.0, MOST_SHARED));
-        let model = OffsetModel {
+        let mut model = OffsetModel {
             sigma_m: self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).max(LEAST_SIGMA_M),
             shared,
             dof: self.options.student_dof,
         };
 
-        let q = self.options.sigma_offset_m_per_sounding.powi(2);
-        let cloud = &mut core.cloud;
-        self.scratch.look_up(chart, &cloud.east, &cloud.north);
-        let mut column = cloud.likelihood_column();
-        let mut health = Health::default();
-        for (i, log_likelihood) in column.iter_mut().enumerate() {
-            let depth = self.scratch.depth[i];
-            let prior = cloud.offset_variance[i] + q;
-            if depth.is_nan() {
-                *log_likelihood = f64::NAN;
-                self.scratch.correction[i] = 0.0;
-                self.scratch.variance[i] = cloud.offset_variance[i];
-                continue;
+        self.scratch.look_up(chart, &core.cloud.east, &core.cloud.north);
+        let mut column = core.cloud.likelihood_column();
+        let mut health = None;
+        for _ in 0..=SOFTENINGS {
+            let cloud = &core.cloud;
+            let found = self.scratch.weigh(&self.options, &model, chart, cloud, water_depth_m, &mut column);
+            // Health is judged by the noise that the sensor states, before anything is softened.
+            health.get_or_insert(found);
+            if !core.fill_holes(&mut column) {
+                core.rejected += 1;
+                return Outcome::Gated;
             }
-            let sigma_map_m =
-                self.options.sigma_map_m.unwrap_or_else(|| chart.sigma_map_at(cloud.east[i], cloud.north[i]));
-            let innovation = water_depth_m - depth - cloud.offset[i];
-            let (l, correction, variance) = model.update(innovation, prior, sigma_map_m);
-            *log_likelihood = l;
-            self.scratch.correction[i] = correction;
-            self.scratch.variance[i] = variance;
-            let s = prior + model.sigma_m * model.sigma_m + sigma_map_m * sigma_map_m;
-            health.add(cloud.weights()[i], innovation, s);
-        }
-        if !core.fill_holes(&mut column) {
-            core.rejected += 1;
-            return Outcome::Gated;
+            if cloud_keeps(&core.cloud, &column, self.options.least_ess_share) {
+                break;
+            }
+            model.sigma_m *= 2.0;
         }
         self.state.sounded_at_m = Some(travelled_m);
         for (b, c) in core.cloud.offset.iter_mut().zip(&self.scratch.correction) {
@@ -203,7 +198,7 @@ impl<const K: usize> Mpf<K> {
         }
         core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
         core.cloud.reweight(column);
-        if !self.watch(health.statistic()) {
+        if !self.watch(health.map_or(0.0, |h| h.statistic())) {
             self.resample();
         }
         Outcome::Fused
@@ -280,6 +275,7 @@ impl MpfOptions {
             non_negative("sigma_map_m", sigma)?;
         }
         non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
+        non_negative("least_ess_share", self.least_ess_share)?;
         if let Some(range) = &self.range {
             positive("sigma_range_m", range.sigma_m)?;
         }
@@ -288,6 +284,40 @@ impl MpfOptions {
 }
 
 impl Scratch {
+    /// Log-likelihood of one sounding for each particle (NaN without a depth) and the offsets that would follow.
+    fn weigh<const K: usize>(
+        &mut self,
+        options: &MpfOptions,
+        model: &OffsetModel,
+        chart: &Chart,
+        cloud: &Cloud<K>,
+        water_depth_m: f64,
+        column: &mut [f64],
+    ) -> Health {
+        let q = options.sigma_offset_m_per_sounding.powi(2);
+        let mut health = Health::default();
+        for (i, log_likelihood) in column.iter_mut().enumerate() {
+            let depth = self.depth[i];
+            if depth.is_nan() {
+                *log_likelihood = f64::NAN;
+                self.correction[i] = 0.0;
+                self.variance[i] = cloud.offset_variance[i];
+                continue;
+            }
+            let prior = cloud.offset_variance[i] + q;
+            let sigma_map_m =
+                options.sigma_map_m.unwrap_or_else(|| chart.sigma_map_at(cloud.east[i], cloud.north[i]));
+            let innovation = water_depth_m - depth - cloud.offset[i];
+            let (l, correction, variance) = model.update(innovation, prior, sigma_map_m);
+            *log_likelihood = l;
+            self.correction[i] = correction;
+            self.variance[i] = variance;
+            let s = prior + model.sigma_m * model.sigma_m + sigma_map_m * sigma_map_m;
+            health.add(cloud.weights()[i], innovation, s);
+        }
+        health
+    }
+
     /// Depth under each particle, NaN where there is none.
     fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
         let n = east.len();
@@ -308,6 +338,11 @@ impl Scratch {
             }
         }
     }
+}
+
+/// Whether enough particles would keep weight; a sounding that leaves a handful says more of the cloud than of the sea.
+fn cloud_keeps<const K: usize>(cloud: &Cloud<K>, log_likelihood: &[f64], share: f64) -> bool {
+    share <= 0.0 || cloud.ess_after(log_likelihood) >= share * cloud.len() as f64
 }
 
 /// Weighted moments of the innovation, for ν̄² / (S + Var_w(h + b)).
