@@ -325,7 +325,7 @@ def study(
             processes=processes,
             overrides=settings or (),
             first_seed=first_seed,
-            progress=lambda done, total: step(f"{done} of {total} missions", done, total),
+            progress=lambda done, total: step("missions flown", done, total),
         )
     table = study_table(result.summary, settle_s=result.settle_s, vehicles=result.vehicles)
     _console(err=as_json).print(table)

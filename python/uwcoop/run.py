@@ -195,7 +195,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         coords={
             "navigator": list(names),
             "vehicle": list(log.vehicles),
-            "time": ("time", t_ns * 1e-9, {"units": "s"}),
+            "time": ("time", t_ns / 1e9, {"units": "s"}),
             "axis": ["east", "north"],
             "axis_b": ["east", "north"],
         },
@@ -217,7 +217,7 @@ def _truth(log: MissionLog, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     position = log.truth["position_m"].to_numpy()
     for v in range(len(log.vehicles)):
         for axis in range(2):
-            out[v, :, axis] = np.interp(t_ns * 1e-9, known_s, position[v, :, axis], left=np.nan, right=np.nan)
+            out[v, :, axis] = np.interp(t_ns / 1e9, known_s, position[v, :, axis], left=np.nan, right=np.nan)
     return out
 
 
@@ -246,7 +246,7 @@ def _clouds(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         coords={
             "navigator": list(names),
             "vehicle": list(log.vehicles),
-            "cloud_time": ("cloud_time", times * 1e-9, {"units": "s"}),
+            "cloud_time": ("cloud_time", times / 1e9, {"units": "s"}),
             "axis": ["east", "north"],
         },
     )

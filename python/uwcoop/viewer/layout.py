@@ -30,7 +30,7 @@ def blueprint(
     """Layout of the recording."""
     import rerun.blueprint as rrb
 
-    shown = _most_telling(stage, clouds)
+    shown = _most_telling(stage, clouds, packets)
     scenes = rrb.Tabs(
         *[_scene(stage, navigator, chart) for navigator in stage.navigators],
         active_tab=shown,
@@ -158,10 +158,14 @@ def _labelled_top(wanted: float) -> float:
     return float(decade * tops[np.argmin(np.abs(np.log(tops * decade / wanted)))])
 
 
-def _most_telling(stage: Stage, clouds: xr.Dataset | None) -> str:
-    """The last navigator that has particles, else the last."""
+def _most_telling(stage: Stage, clouds: xr.Dataset | None, packets: Mapping[str, NDArray[Any]]) -> str:
+    """The last navigator that has particles and sends packets, else that has either, else the last."""
+    talking = set(np.unique(packets["navigator"][packets["bytes"] > 0]))
+    clouded = set()
     if clouds is not None:
-        for i in reversed(range(len(stage.navigators))):
-            if np.isfinite(clouds["particles_m"].values[i, :, :, :1]).any():
-                return stage.navigators[i]
+        first = clouds["particles_m"].values[:, :, :, :1]
+        clouded = {i for i in range(len(stage.navigators)) if np.isfinite(first[i]).any()}
+    for candidates in (talking & clouded, clouded, talking):
+        if candidates:
+            return stage.navigators[max(candidates)]
     return stage.navigators[-1]
