@@ -1,47 +1,34 @@
-"""The command line: each command is a few lines that call one function. Imports wait until a command runs."""
+"""The commands of `uwcoop`."""
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import Annotated
 
 import typer
-from typer.core import TyperGroup
 
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from uwcoop.missionlog import MissionLog
-    from uwcoop.run import RunResult
-
-__all__ = ["app", "main"]
-
-
-class _OneLineErrors(TyperGroup):
-    """Bad input ends in one line on stderr and exit code 2; what is not expected keeps its traceback."""
-
-    def invoke(self, ctx: Any) -> Any:
-        from uwcoop.errors import UwcoopError
-
-        try:
-            return super().invoke(ctx)
-        except BrokenPipeError:
-            raise  # `uwcoop … | head` is no error: click ends quietly
-        except UwcoopError as error:
-            _fail(str(error))
-        except OSError as error:
-            where = f"{error.filename}: " if error.filename else ""
-            _fail(f"{where}{error.strerror or error}")
-        except KeyboardInterrupt:
-            _say("interrupted")
-            raise typer.Exit(130) from None
-
+from uwcoop.cli.options import (
+    ChartFileOption,
+    FolderOption,
+    JsonOption,
+    NavigatorsOption,
+    ScenarioArgument,
+    SeedOption,
+    SetOption,
+)
+from uwcoop.cli.terminal import (
+    OneLineErrors,
+    console,
+    names_of,
+    print_notes,
+    print_run,
+    progress,
+    say,
+    say_written,
+)
 
 app = typer.Typer(
-    cls=_OneLineErrors,
+    cls=OneLineErrors,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -51,51 +38,6 @@ app = typer.Typer(
     "compare.",
     epilog="Start with [bold]uwcoop demo[/bold]. Errors end in one line and exit code 2.",
 )
-
-
-def main() -> None:
-    """Entry point of the `uwcoop` command."""
-    app()
-
-
-# ------------------------------------------------------------------------------------------------- options
-
-_Scenario = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO", help="A packaged scenario's name (`uwcoop scenarios`), or a TOML file."
-    ),
-]
-_Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Override a scenario key, e.g. acoustics.loss.probability=0.2 or navigator.mpf.particles=2000. "
-        "Repeatable.",
-    ),
-]
-_Seed = Annotated[
-    int | None, typer.Option(min=0, metavar="N", help="Seed of the mission; else the scenario's.")
-]
-_ChartFile = Annotated[
-    Path | None, typer.Option("--chart", metavar="FILE", help="Chart file, instead of the scenario's seabed.")
-]
-_Navigators = Annotated[
-    str | None,
-    typer.Option(
-        "--navigator",
-        "-n",
-        metavar="NAME,…",
-        help="Navigators, separated by commas; else all that are packaged.",
-    ),
-]
-_Folder = Annotated[
-    Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")
-]
-_Json = Annotated[
-    bool, typer.Option("--json", help="Print the content of summary.json on stdout, and nothing else there.")
-]
 
 
 def _print_version(wanted: bool) -> None:
@@ -115,9 +57,6 @@ def _options(
     pass
 
 
-# ------------------------------------------------------------------------------------------------- commands
-
-
 @app.command()
 def demo(
     output: Annotated[
@@ -127,11 +66,11 @@ def demo(
     """Localise three simulated AUVs by every navigator: table, pictures and a replay in a folder."""
     from uwcoop.demo import STEPS, run_demo
 
-    with _progress("simulating", STEPS) as step:
-        result, files = run_demo(output, step, _say)
-    _print_run(result, _console())
-    _wrote(files, output)
-    _say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
+    with progress("simulating", STEPS) as step:
+        result, files = run_demo(output, step, say)
+    print_run(result, console())
+    say_written(files, output)
+    say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
 @app.command()
@@ -141,7 +80,7 @@ def scenarios() -> None:
     from uwcoop.scenario import packaged
     from uwcoop.tables import packaged_tables
 
-    _console().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
+    console().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
 
 
 @app.command()
@@ -195,18 +134,18 @@ def chart(
     found = open_source(file, **{key: value for key, value in options.items() if value is not None})
     if picture is not None:
         write_chart_picture(found, picture)
-    _console().print(chart_table(describe(found)))
+    console().print(chart_table(describe(found)))
     if picture is not None:
-        _say(f"wrote {picture}")
+        say(f"wrote {picture}")
 
 
 @app.command()
 def simulate(
-    scenario: _Scenario,
+    scenario: ScenarioArgument,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MISSION.mcap", help="The log to write.")],
-    seed: _Seed = None,
-    chart: _ChartFile = None,
-    settings: _Set = None,
+    seed: SeedOption = None,
+    chart: ChartFileOption = None,
+    settings: SetOption = None,
 ) -> None:
     """Simulate a mission and write its log (MCAP, standard ROS 2 messages)."""
     from uwcoop.missionlog.mcap import write_log
@@ -217,8 +156,8 @@ def simulate(
         raise typer.BadParameter(f"{output} must end in {LOG_SUFFIX}", param_hint="-o")
     log = fly(load_scenario(scenario, chart, settings or ()), seed)
     write_log(log, output)
-    _print_notes(log)
-    _say(
+    print_notes(log)
+    say(
         f"wrote {output}: {len(log.vehicles)} vehicles, {log.duration_ns / 1e9:g} s, seed {log.seed}, "
         f"{output.stat().st_size / 1e6:.1f} MB"
     )
@@ -232,9 +171,9 @@ def run(
             metavar="MISSION", help="A log (.mcap), or a scenario's name or file, simulated first."
         ),
     ],
-    navigator: _Navigators = None,
-    output: _Folder = None,
-    as_json: _Json = False,
+    navigator: NavigatorsOption = None,
+    output: FolderOption = None,
+    as_json: JsonOption = False,
     seed: Annotated[
         int | None,
         typer.Option(
@@ -243,8 +182,8 @@ def run(
             help="Seed of the mission and the navigators; of a log, of the navigators only.",
         ),
     ] = None,
-    chart: _ChartFile = None,
-    settings: _Set = None,
+    chart: ChartFileOption = None,
+    settings: SetOption = None,
     threads: Annotated[
         int,
         typer.Option(
@@ -257,10 +196,10 @@ def run(
     from uwcoop.output import refuse_file, summary_text, write_run
     from uwcoop.run import run as replay
 
-    names = _names(navigator) or list(NAVIGATORS)
+    names = names_of(navigator) or list(NAVIGATORS)
     if output is not None:
         refuse_file(output)
-    with _progress(f"opening {mission}", len(names)) as step:
+    with progress(f"opening {mission}", len(names)) as step:
         result = replay(
             mission,
             names,
@@ -271,35 +210,35 @@ def run(
             threads=threads,
             progress=lambda name: step(f"replayed {name}"),
         )
-    _print_notes(result.log)
+    print_notes(result.log)
     if output is not None:
-        files = write_run(result, output, _say)
-    _print_run(result, _console(err=as_json))
+        files = write_run(result, output, say)
+    print_run(result, console(err=as_json))
     if output is not None:
-        _wrote(files, output)
+        say_written(files, output)
     if as_json:
         typer.echo(summary_text(result.summary))
 
 
 @app.command()
 def study(
-    scenario: _Scenario,
+    scenario: ScenarioArgument,
     runs: Annotated[
         int, typer.Option(min=1, metavar="N", help="Missions for each variant; run k has seed k.")
     ],
-    navigator: _Navigators = None,
+    navigator: NavigatorsOption = None,
     vary: Annotated[
         list[str] | None,
         typer.Option(
             metavar="KEY=V1,V2", help="Values of a scenario key to compare. Repeatable: all combinations."
         ),
     ] = None,
-    output: _Folder = None,
+    output: FolderOption = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the study in DIR: finished missions are skipped.")
     ] = False,
-    as_json: _Json = False,
-    settings: _Set = None,
+    as_json: JsonOption = False,
+    settings: SetOption = None,
     first_seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the first run.")] = 0,
     processes: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="At most so many at a time; else all cores.")
@@ -314,11 +253,11 @@ def study(
     if resume and output is None:
         raise typer.BadParameter("needs the folder of the study: -o DIR", param_hint="--resume")
     varied = [alternatives(text) for text in vary or ()]
-    with _progress(f"flying {scenario}", None) as step:
+    with progress(f"flying {scenario}", None) as step:
         result = compare(
             scenario,
             runs,
-            _names(navigator),
+            names_of(navigator),
             dict(varied),
             out=output,
             resume=resume,
@@ -328,21 +267,23 @@ def study(
             progress=lambda done, total: step("missions flown", done, total),
         )
     table = study_table(result.summary, settle_s=result.settle_s, vehicles=result.vehicles)
-    _console(err=as_json).print(table)
+    console(err=as_json).print(table)
     if output is not None:
-        _wrote(["summary.json", "runs.csv", "study.json"], output)
+        say_written(["summary.json", "runs.csv", "study.json"], output)
     if as_json:
         typer.echo(summary_text(result.summary))
 
 
 @app.command()
-def budget(scenario: _Scenario, navigator: _Navigators = None, settings: _Set = None) -> None:
+def budget(
+    scenario: ScenarioArgument, navigator: NavigatorsOption = None, settings: SetOption = None
+) -> None:
     """What talking costs: bytes, frames, air time, slot and cycle of each navigator's packet."""
     from uwcoop.budget import budget as count
     from uwcoop.missions import load_scenario
     from uwcoop.tables import budget_table
 
-    _console().print(budget_table(count(load_scenario(scenario, None, settings or ()), _names(navigator))))
+    console().print(budget_table(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
 
 
 @app.command()
@@ -354,58 +295,3 @@ def view(
     from uwcoop.viewer import view as show
 
     show(folder, web=web)
-
-
-# ------------------------------------------------------------------------------------------------- output
-
-
-def _names(listed: str | None) -> list[str] | None:
-    return None if listed is None else [name.strip() for name in listed.split(",")]
-
-
-def _say(line: str) -> None:
-    """One line beside the results: stdout is for them alone."""
-    print(line, file=sys.stderr)
-
-
-def _fail(message: str) -> NoReturn:
-    _say(f"error: {' '.join(message.split())}")
-    raise typer.Exit(2)
-
-
-def _wrote(files: Sequence[str], folder: Path) -> None:
-    _say(f"wrote {folder}: {', '.join(files)}")
-
-
-def _console(*, err: bool = False) -> Console:
-    from rich.console import Console
-
-    return Console(stderr=err, highlight=False)
-
-
-def _print_run(result: RunResult, console: Console) -> None:
-    from uwcoop.report import summary_table
-
-    console.print(summary_table(result.summary, settle_s=float(result.tracks.attrs["settle_s"])))
-
-
-def _print_notes(log: MissionLog) -> None:
-    """What was assumed while the chart was read."""
-    for note in () if log.chart is None else log.chart.notes:
-        _say(f"chart: {note}")
-
-
-@contextmanager
-def _progress(title: str, total: int | None) -> Iterator[Callable[..., None]]:
-    """A bar on stderr while the block runs. It is moved by `step(text)`, or set by `step(text, done, total)`."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = _console(err=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task(title, total=total)
-
-        def step(text: str, done: int | None = None, of: int | None = None) -> None:
-            bar.update(task, description=text, advance=1 if done is None else None, completed=done, total=of)
-
-        yield step

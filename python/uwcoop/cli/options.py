@@ -1,0 +1,45 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ScenarioArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO", help="A packaged scenario's name (`uwcoop scenarios`), or a TOML file."
+    ),
+]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a scenario key, e.g. acoustics.loss.probability=0.2 or navigator.mpf.particles=2000. "
+        "Repeatable.",
+    ),
+]
+SeedOption = Annotated[
+    int | None, typer.Option(min=0, metavar="N", help="Seed of the mission; else the scenario's.")
+]
+ChartFileOption = Annotated[
+    Path | None, typer.Option("--chart", metavar="FILE", help="Chart file, instead of the scenario's seabed.")
+]
+NavigatorsOption = Annotated[
+    str | None,
+    typer.Option(
+        "--navigator",
+        "-n",
+        metavar="NAME,…",
+        help="Navigators, separated by commas; else all that are packaged.",
+    ),
+]
+FolderOption = Annotated[
+    Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")
+]
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print the content of summary.json on stdout, and nothing else there.")
+]

@@ -1,0 +1,90 @@
+"""What the user reads: results on stdout, everything else on stderr, errors in one line."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+from typer.core import TyperGroup
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from uwcoop.missionlog import MissionLog
+    from uwcoop.run import RunResult
+
+
+class OneLineErrors(TyperGroup):
+    """Bad input ends in one line on stderr and exit code 2; what is not expected keeps its traceback."""
+
+    def invoke(self, ctx: Any) -> Any:
+        from uwcoop.errors import UwcoopError
+
+        try:
+            return super().invoke(ctx)
+        except BrokenPipeError:
+            raise  # `uwcoop … | head` is no error: click ends quietly
+        except UwcoopError as error:
+            fail(str(error))
+        except OSError as error:
+            where = f"{error.filename}: " if error.filename else ""
+            fail(f"{where}{error.strerror or error}")
+        except KeyboardInterrupt:
+            say("interrupted")
+            raise typer.Exit(130) from None
+
+
+def names_of(listed: str | None) -> list[str] | None:
+    return None if listed is None else [name.strip() for name in listed.split(",")]
+
+
+def say(line: str) -> None:
+    """One line beside the results: stdout is for them alone."""
+    print(line, file=sys.stderr)
+
+
+def fail(message: str) -> NoReturn:
+    say(f"error: {' '.join(message.split())}")
+    raise typer.Exit(2)
+
+
+def say_written(files: Sequence[str], folder: Path) -> None:
+    say(f"wrote {folder}: {', '.join(files)}")
+
+
+def console(*, err: bool = False) -> Console:
+    from rich.console import Console
+
+    return Console(stderr=err, highlight=False)
+
+
+def print_run(result: RunResult, console: Console) -> None:
+    from uwcoop.report import summary_table
+
+    console.print(summary_table(result.summary, settle_s=float(result.tracks.attrs["settle_s"])))
+
+
+def print_notes(log: MissionLog) -> None:
+    """What was assumed while the chart was read."""
+    for note in () if log.chart is None else log.chart.notes:
+        say(f"chart: {note}")
+
+
+@contextmanager
+def progress(title: str, total: int | None) -> Iterator[Callable[..., None]]:
+    """A bar on stderr while the block runs. It is moved by `step(text)`, or set by `step(text, done, total)`."""
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    console = console(err=True)
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=total)
+
+        def step(text: str, done: int | None = None, of: int | None = None) -> None:
+            bar.update(task, description=text, advance=1 if done is None else None, completed=done, total=of)
+
+        yield step
