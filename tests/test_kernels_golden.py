@@ -89,6 +89,18 @@ def test_range_likelihoods(golden: Any) -> None:
     near(kernels.range_log_likelihood(*belief, "gaussian"), case["ll_gauss"])
 
 
+def test_a_mixture_of_two_modes(golden: Any) -> None:
+    case = golden("range")
+    count = len(case["pos"])
+    shares, means, covariances = kernels.fit_mixture(
+        np.full(count, 1 / count), case["pos"], int(case["gmm_k"]), int(case["gmm_iters"])
+    )
+    order, expected = np.argsort(means[:, 0]), np.argsort(case["gmm_mu"][:, 0])
+    near(shares[order], case["gmm_pi"][expected])
+    near(means[order], case["gmm_mu"][expected])
+    assert_allclose(covariances[order], case["gmm_S"][expected], rtol=1e-11)
+
+
 def test_weights_moments_entropy_and_resampling(golden: Any) -> None:
     case = golden("resample")
     weights = kernels.normalize(case["logw"])

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from uwcoop import _native, acoustics
-from uwcoop.errors import NavigatorError
+from uwcoop.errors import NavigatorError, ScheduleError
 from uwcoop.navigators import NAVIGATORS, Context, build, options_of
 from uwcoop.scenario.acoustics import Acoustics
 
 if TYPE_CHECKING:
     from uwcoop.scenario.models import Scenario
 
-__all__ = ["Budget", "Cost", "budget", "packet_bytes", "refuse_misfits"]
+__all__ = ["Budget", "Cost", "budget", "fitting", "packet_bytes", "refuse_misfits"]
 
 
 @dataclass(frozen=True)
@@ -104,6 +104,18 @@ def refuse_misfits(navigators: Iterable[str], tables: Mapping[str, Any], vehicle
         size = packet_bytes(name, tables, vehicles, capacity)
         if size is not None:
             acoustics.check_packet(plan, size, f"{name}'s packet")
+
+
+def fitting(tables: Mapping[str, Any], vehicles: int) -> list[str]:
+    """The packaged navigators whose packets fit the slots of a resolved scenario, in their order."""
+    fits = []
+    for name in NAVIGATORS:
+        try:
+            refuse_misfits([name], tables, vehicles)
+        except ScheduleError:
+            continue
+        fits.append(name)
+    return fits
 
 
 def packet_bytes(name: str, tables: Mapping[str, Any], vehicles: int, capacity_bytes: int) -> int | None:

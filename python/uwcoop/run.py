@@ -11,11 +11,11 @@ import numpy as np
 import xarray as xr
 
 from uwcoop import _native, metrics
-from uwcoop.budget import refuse_misfits
+from uwcoop.budget import fitting, refuse_misfits
 from uwcoop.errors import LogError
 from uwcoop.missionlog import MissionLog
 from uwcoop.missions import open_mission
-from uwcoop.navigators import NAVIGATORS, Context, Custom, build, native_chart, options_of
+from uwcoop.navigators import Context, Custom, build, native_chart, options_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -66,7 +66,7 @@ def run(
 
     Args:
         mission: a log, a log's path, a scenario, or the name or path of a scenario (then it is simulated first).
-        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones; None for all packaged ones.
+        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones; None: all packaged that fit the modem.
         seed: of the simulation and of the navigators; None takes the mission's own.
         chart: the navigators' chart; None takes the mission's. For a log with another chart it is refused.
         overrides: "dotted.key=value" each: any key of a scenario, `navigator.*` of a log.
@@ -78,7 +78,7 @@ def run(
         ScenarioError, LogError, ChartError, NavigatorError: one line that says what is wrong.
     """
     log = open_mission(mission, seed, chart, overrides)
-    chosen = list(NAVIGATORS) if navigators is None else list(navigators)
+    chosen = fitting(log.scenario, len(log.vehicles)) if navigators is None else list(navigators)
     names = [n if isinstance(n, str) else n.name for n in chosen]
     repeated = {n for n in names if names.count(n) > 1}
     if repeated:
@@ -162,12 +162,19 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
     each = ("navigator", "vehicle", "time")
     covariance = np.stack([r["covariance_m2"] for r in records])
     sent, heard = np.zeros(covariance.shape[:3], np.int64), np.zeros(covariance.shape[:3], bool)
+    told = np.full(covariance.shape[:3], np.nan)
     for k, record in enumerate(records):
         at = np.minimum(np.searchsorted(t_ns, record["sent"]["tol_ns"]), len(t_ns) - 1)
         np.add.at(sent[k], (record["sent"]["sender"], at), record["sent"]["bytes"])
         packets = record["packets"]
         used = packets["accepted"] & (packets["toa_ns"] <= t_ns[-1])
-        heard[k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used])] = True
+        at_arrival = (k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used]))
+        heard[at_arrival] = True
+        told[at_arrival] = packets["information_nat"][used]
+    optional = {}
+    if np.isfinite(told).any():
+        nat = {"units": "nat", "long_name": "what the range that arrived now told about the position"}
+        optional["mutual_information"] = (each, told, nat)
     received = np.zeros(covariance.shape[1:3], bool)
     for table in (log.opportunities, log.receptions):
         if table:
@@ -191,6 +198,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "off_chart": (each, stack("off_chart"), {"long_name": "no chart to go by: dead reckoning"}),
             "heard": (each, heard, {"long_name": "a packet that arrived now was used"}),
             "received": (("vehicle", "time"), received, {"long_name": "a signal could be heard now"}),
+            **optional,
         },
         coords={
             "navigator": list(names),

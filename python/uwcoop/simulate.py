@@ -62,7 +62,7 @@ def simulate(
         link=acoustics.link_of(scenario.acoustics),
         events=sensors.events_of(scenario, chart, motion, seed),
         slots=slots,
-        opportunities=acoustics.opportunities(scenario.acoustics, slots, motion, seed),
+        opportunities=acoustics.opportunities(scenario.acoustics, slots, motion, seed, names),
         chart=chart,
         origin=chart.origin,
         scenario=scenario.resolved(),

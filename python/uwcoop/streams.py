@@ -38,6 +38,10 @@ class Purpose(IntEnum):
     RANGE = 17
     LOSS = 18
     ACOUSTIC_FIX = 19
+    BURST = 20
+    RANGE_OUTLIER = 21
+    WAVES = 22
+    POLL = 23
 
 
 def stream(seed: int, vehicle: int, purpose: Purpose, *more: int) -> np.random.Generator:

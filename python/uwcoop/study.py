@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import uwcoop
 from uwcoop import acoustics, metrics
 from uwcoop import scenario as scenarios
+from uwcoop.budget import fitting
 from uwcoop.errors import ScenarioError, StudyError, UwcoopError
 from uwcoop.ledger import Ledger, Row, text_of
 from uwcoop.navigators import NAVIGATORS, Custom, options_of
@@ -80,7 +81,8 @@ def study(
     Args:
         scenario: a scenario, or the name or path of one.
         runs: missions for each variant.
-        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones that pickle; None: all packaged.
+        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones that pickle; None: all
+            packaged that fit the modem.
         vary: values by dotted scenario key; every combination of them is a variant. Keys of a `Scenario` are
             set on its resolved form: a preset's values stay when the preset changes.
         out: folder for `runs.csv`, `study.json` and `summary.json`.
@@ -95,8 +97,8 @@ def study(
     """
     if runs < 1 or first_seed < 0:
         raise ScenarioError(f"runs is {runs} and first_seed {first_seed}: must be at least 1 and 0")
-    chosen = list(NAVIGATORS) if navigators is None else list(navigators)
     variants = list(_variants(scenario, overrides, vary or {}))
+    chosen = _fit_everywhere(variants) if navigators is None else list(navigators)
     for variant in variants:
         acoustics.schedule(variant.scenario.acoustics, [v.name for v in variant.scenario.team], 0.0)
     ledger = Ledger(
@@ -124,6 +126,12 @@ def study(
         if progress:
             progress(done, total)
     return _result(ledger, variants, runs, first_seed)
+
+
+def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
+    """The packaged navigators whose packets fit the modem of every variant."""
+    fits = [set(fitting(v.scenario.resolved(), len(v.scenario.team))) for v in variants]
+    return [name for name in NAVIGATORS if all(name in f for f in fits)]
 
 
 def _variants(

@@ -1,4 +1,4 @@
-"""Vehicles: kinematics, current, compass and thruster errors -> what truly happened, and what was commanded.
+"""Vehicles: kinematics, current, waves, compass and thruster errors -> what truly happened, what was commanded.
 
 The world moves in steps of one second. Between whole seconds a vehicle moves in a straight line at constant
 speed and holds its yaw, so that its position at any instant is exact. Conventions: yaw counter-clockwise from
@@ -8,7 +8,7 @@ east; a compass errs clockwise, true heading = believed heading + bias, hence ya
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from uwcoop.charts import Chart
     from uwcoop.scenario.models import Scenario
     from uwcoop.scenario.vehicle import Drift, Vehicle
-    from uwcoop.scenario.world import Current
+    from uwcoop.scenario.world import Current, Waves
 
     Array = NDArray[np.float64]
 
@@ -45,7 +45,8 @@ class Motion:
     """(T + 1,) held from each second to the next, counter-clockwise from east."""
     current_mps: Array
     """(T + 1, 2) drift from each second to the next: velocity that the command does not know of. The water's
-    current (unless the command is over ground) and the vehicle's own velocity bias."""
+    current (unless the command is over ground) and the vehicle's own velocity bias; waves and white noise are
+    not in it."""
     believed_yaw_rad: Array
     """(T + 1,) what the compass showed."""
     command_mps: Array
@@ -68,6 +69,10 @@ class Motion:
         k, share = self._between(t_s)
         return self.depth_m[k] + share * (self.depth_m[k + 1] - self.depth_m[k])
 
+    def yaw_at(self, t_s: Array) -> Array:
+        """True yaw at any times within the mission, (K,)."""
+        return self.yaw_rad[self._between(t_s)[0]]
+
     def _between(self, t_s: Array) -> tuple[NDArray[np.int64], Array]:
         inside = np.clip(t_s, 0.0, self.end_s)
         k = np.minimum(inside.astype(np.int64), len(self.yaw_rad) - 2)
@@ -88,7 +93,8 @@ def team_motion(scenario: Scenario, chart: Chart, seed: int) -> list[Motion]:
         if vehicle.track is not None:
             moved.append(_follow_record(read_track(vehicle, chart, steps), errors, current))
         else:
-            moved.append(_follow_path(vehicle, chart, errors, current, stream(seed, index, Purpose.PATH)))
+            planned = _follow_path(vehicle, chart, errors, current, stream(seed, index, Purpose.PATH))
+            moved.append(_washed(planned, scenario.waves, stream(seed, index, Purpose.WAVES)))
     return moved
 
 
@@ -167,6 +173,20 @@ def _follow_path(
     return Motion(
         position, depth, yaw, current + errors.bias, believed, vehicle.speed_mps * _direction(believed)
     )
+
+
+def _washed(planned: Motion, waves: Waves, rng: np.random.Generator) -> Motion:
+    """The same motion to and fro about its track; yaw and command stay those of the plan."""
+    phase = rng.uniform(0.0, 2 * math.pi)
+    if waves.amplitude_m == 0:
+        return planned
+    t_s = np.arange(len(planned.yaw_rad), dtype=np.float64)
+    swing = waves.amplitude_m * np.sin(2 * math.pi * t_s / waves.period_s + phase)
+    if waves.direction_deg is None:
+        axis = _direction(planned.yaw_rad + math.pi / 2)
+    else:
+        axis = _direction(np.full(t_s.size, float(yaw_from_heading(waves.direction_deg))))
+    return replace(planned, position_m=planned.position_m + swing[:, None] * axis)
 
 
 def _follow_record(record: Record, errors: _Errors, current: Array) -> Motion:

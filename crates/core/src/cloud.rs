@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::kernels::likelihood::{RangeBelief, range_eq17};
-use crate::kernels::particles::{cholesky_2x2, gather, liu_west, liu_west_bandwidth, roughen};
+use crate::kernels::likelihood::{RangeBelief, add_range_misfit, misfit_to_log_likelihood};
 use crate::kernels::math::exp;
+use crate::kernels::particles::{cholesky_2x2, gather, liu_west, liu_west_bandwidth, roughen};
 use crate::kernels::weights::{self, moments, weighted_mean};
 use crate::noise::Stream;
 
@@ -177,6 +177,19 @@ impl<const K: usize> Cloud<K> {
         stream: &Stream,
         out: &mut [f64],
     ) {
+        out.fill(0.0);
+        self.add_belief_misfit(belief, samples, stream, out);
+        misfit_to_log_likelihood(out);
+    }
+
+    /// Adds the sum of (17) over `samples` draws of a belief.
+    pub fn add_belief_misfit(
+        &mut self,
+        belief: &RangeBelief,
+        samples: usize,
+        stream: &Stream,
+        out: &mut [f64],
+    ) {
         let [east, north, weight, ..] = &mut self.scratch.more;
         for column in [&mut *east, &mut *north, &mut *weight] {
             column.resize(samples, 0.0);
@@ -189,7 +202,7 @@ impl<const K: usize> Cloud<K> {
             *e = belief.mean_m[0] + l11 * a;
             *n = belief.mean_m[1] + l21 * a + l22 * b;
         }
-        range_eq17(belief.range_m, east, north, weight, &self.east, &self.north, out);
+        add_range_misfit(belief.range_m, east, north, weight, &self.east, &self.north, out);
     }
 
     /// Mean (10) and covariance (11) of the position.

@@ -13,6 +13,7 @@ pub mod error;
 pub mod event;
 pub mod kernels;
 pub mod link;
+pub mod mixture;
 pub mod navigator;
 pub mod noise;
 pub mod packet;

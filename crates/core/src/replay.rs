@@ -279,7 +279,9 @@ impl Replay {
         let Arrival { t_ns, receiver, sender, tol_ns, toa_ns, record, bytes, .. } = arrival;
         let payload = Payload::Reception { sender, tol_ns, toa_ns, bytes };
         let outcome = self.team.handle(&Event { t_ns, vehicle: receiver, payload })?;
-        self.record.accepted(record, outcome == Outcome::Fused);
+        if outcome == Outcome::Fused {
+            self.record.accepted(record, self.team.information_nat(receiver));
+        }
         if self.team.needs_delivery_oracle(sender) {
             self.team.handle(&Event {
                 t_ns,
@@ -312,6 +314,7 @@ impl Replay {
                 frames: frames as u32,
                 received,
                 accepted: false,
+                information_nat: f64::NAN,
             });
             if received {
                 self.cursor.order += 1;

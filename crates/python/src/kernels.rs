@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArrayMethods,
 };
 use pyo3::prelude::*;
@@ -11,6 +11,7 @@ use uwcoop_core::kernels::likelihood::{self, OffsetModel, RangeBelief};
 use uwcoop_core::kernels::lookup::{self, Grid};
 use uwcoop_core::kernels::particles;
 use uwcoop_core::kernels::weights;
+use uwcoop_core::mixture::fit;
 use uwcoop_core::packet::{Belief, BeliefPacket, Header, HeardBitmap, PacketKind};
 
 use crate::errors::{argument, navigator};
@@ -281,13 +282,16 @@ fn normalize<'py>(py: Python<'py>, log_weights: Column<'py>) -> PyResult<Bound<'
     Ok(out.into_pyarray(py))
 }
 
+/// Ancestors and copies, each (N,).
+type Resampled<'py> = (Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>);
+
 /// Residual resampling: (ancestors ascending, copies of each), from one uniform for each of the R left copies.
 #[pyfunction]
 fn residual_resample<'py>(
     py: Python<'py>,
     weights: Column<'py>,
     uniforms: Column<'py>,
-) -> PyResult<(Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>)> {
+) -> PyResult<Resampled<'py>> {
     let w = weights.as_array().to_vec();
     let u = uniforms.as_array().to_vec();
     let sum: f64 = w.iter().sum();
@@ -377,18 +381,47 @@ fn liu_west_d<'py, const D: usize>(
     flat.into_pyarray(py).reshape([rows, D])
 }
 
+/// Mean (2,) and covariance (2, 2).
+type Moments<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>);
+
 /// Weighted mean (2,) and covariance (2, 2) of positions (10)–(11).
 #[pyfunction]
-fn moments<'py>(
-    py: Python<'py>,
-    weights: Column<'py>,
-    positions_m: Points<'py>,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>)> {
+fn moments<'py>(py: Python<'py>, weights: Column<'py>, positions_m: Points<'py>) -> PyResult<Moments<'py>> {
     let [e, n] = columns(&positions_m, "positions_m")?;
     let w = weights.as_array().to_vec();
     same("weights", w.len(), e.len())?;
     let (mean, [ee, en, nn]) = weights::moments(&w, &e, &n);
     Ok((mean.to_vec().into_pyarray(py), vec![ee, en, en, nn].into_pyarray(py).reshape([2, 2])?))
+}
+
+/// What `fit_mixture` returns: weights (k,), means (k, 2), covariances (k, 2, 2).
+type Mixture<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);
+
+/// A mixture of `modes` Gaussians fitted to weighted positions by `iterations` of EM.
+#[pyfunction]
+fn fit_mixture<'py>(
+    py: Python<'py>,
+    weights: Column<'py>,
+    positions_m: Points<'py>,
+    modes: usize,
+    iterations: usize,
+) -> PyResult<Mixture<'py>> {
+    let [e, n] = columns(&positions_m, "positions_m")?;
+    let w = weights.as_array().to_vec();
+    same("weights", w.len(), e.len())?;
+    let points: Vec<Vector2<f64>> = e.iter().zip(&n).map(|(e, n)| Vector2::new(*e, *n)).collect();
+    let fitted = fit(&points, &w, modes, iterations)
+        .ok_or_else(|| argument(format!("{modes} modes on {} points: no mixture", points.len())))?;
+    let mean: Vec<f64> = fitted.iter().flat_map(|m| [m.mean.x, m.mean.y]).collect();
+    let covariance: Vec<f64> = fitted
+        .iter()
+        .flat_map(|m| [m.covariance.m11, m.covariance.m12, m.covariance.m21, m.covariance.m22])
+        .collect();
+    Ok((
+        fitted.iter().map(|m| m.weight).collect::<Vec<_>>().into_pyarray(py),
+        mean.into_pyarray(py).reshape([modes, 2])?,
+        covariance.into_pyarray(py).reshape([modes, 2, 2])?,
+    ))
 }
 
 /// Effective sample size (13) of normalised weights.
@@ -471,6 +504,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(roughen, module)?)?;
     module.add_function(wrap_pyfunction!(liu_west, module)?)?;
     module.add_function(wrap_pyfunction!(moments, module)?)?;
+    module.add_function(wrap_pyfunction!(fit_mixture, module)?)?;
     module.add_function(wrap_pyfunction!(effective_sample_size, module)?)?;
     module.add_function(wrap_pyfunction!(kernel_entropy, module)?)?;
     module.add_function(wrap_pyfunction!(encode_belief, module)?)?;

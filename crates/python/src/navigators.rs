@@ -159,6 +159,7 @@ impl Options<'_, '_> {
             method,
             sigma_m: self.number("sigma_range_m")?,
             gate_sigmas: self.maybe("range_gate_sigmas")?.unwrap_or(f64::INFINITY),
+            entropy_sigma_m: self.maybe("entropy_sigma_m")?,
         }))
     }
 
@@ -166,7 +167,9 @@ impl Options<'_, '_> {
         match self.word("packet")?.as_str() {
             "rounded" => Ok(PacketKind::Belief),
             "f64" => Ok(PacketKind::BeliefF64),
-            other => Err(argument(format!("packet is {other:?}, not rounded or f64"))),
+            "particles" => Ok(PacketKind::Cloud),
+            "modes" => Ok(PacketKind::Mixture),
+            other => Err(argument(format!("packet is {other:?}, not rounded, f64, modes or particles"))),
         }
     }
 
@@ -196,6 +199,7 @@ impl Options<'_, '_> {
             range: self.range()?,
             terrain: self.flag("use_terrain")?,
             packet: self.packet()?,
+            modes: self.count("modes")?,
             drift: self.drift()?,
         })
     }

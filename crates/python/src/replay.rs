@@ -153,6 +153,8 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
     };
     packets.set_item("received", flags(|p| p.received))?;
     packets.set_item("accepted", flags(|p| p.accepted))?;
+    let information: Vec<f64> = tracks.packets.iter().map(|p| p.information_nat).collect();
+    packets.set_item("information_nat", information.into_pyarray(py))?;
     dict.set_item("packets", packets)?;
     let sent = PyDict::new(py);
     let sent_column =

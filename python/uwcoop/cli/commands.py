@@ -18,13 +18,13 @@ from uwcoop.cli.options import (
 )
 from uwcoop.cli.terminal import (
     OneLineErrors,
-    console,
     names_of,
     print_notes,
     print_run,
     progress,
     say,
     say_written,
+    terminal,
 )
 
 app = typer.Typer(
@@ -68,7 +68,7 @@ def demo(
 
     with progress("simulating", STEPS) as step:
         result, files = run_demo(output, step, say)
-    print_run(result, console())
+    print_run(result, terminal())
     say_written(files, output)
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
@@ -80,7 +80,7 @@ def scenarios() -> None:
     from uwcoop.scenario import packaged
     from uwcoop.tables import packaged_tables
 
-    console().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
+    terminal().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
 
 
 @app.command()
@@ -134,7 +134,7 @@ def chart(
     found = open_source(file, **{key: value for key, value in options.items() if value is not None})
     if picture is not None:
         write_chart_picture(found, picture)
-    console().print(chart_table(describe(found)))
+    terminal().print(chart_table(describe(found)))
     if picture is not None:
         say(f"wrote {picture}")
 
@@ -196,10 +196,10 @@ def run(
     from uwcoop.output import refuse_file, summary_text, write_run
     from uwcoop.run import run as replay
 
-    names = names_of(navigator) or list(NAVIGATORS)
+    names = names_of(navigator) or None
     if output is not None:
         refuse_file(output)
-    with progress(f"opening {mission}", len(names)) as step:
+    with progress(f"opening {mission}", len(names or NAVIGATORS)) as step:
         result = replay(
             mission,
             names,
@@ -213,7 +213,7 @@ def run(
     print_notes(result.log)
     if output is not None:
         files = write_run(result, output, say)
-    print_run(result, console(err=as_json))
+    print_run(result, terminal(err=as_json))
     if output is not None:
         say_written(files, output)
     if as_json:
@@ -267,7 +267,7 @@ def study(
             progress=lambda done, total: step("missions flown", done, total),
         )
     table = study_table(result.summary, settle_s=result.settle_s, vehicles=result.vehicles)
-    console(err=as_json).print(table)
+    terminal(err=as_json).print(table)
     if output is not None:
         say_written(["summary.json", "runs.csv", "study.json"], output)
     if as_json:
@@ -283,7 +283,7 @@ def budget(
     from uwcoop.missions import load_scenario
     from uwcoop.tables import budget_table
 
-    console().print(budget_table(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
+    terminal().print(budget_table(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
 
 
 @app.command()

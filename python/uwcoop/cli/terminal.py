@@ -39,6 +39,7 @@ class OneLineErrors(TyperGroup):
 
 
 def names_of(listed: str | None) -> list[str] | None:
+    """The names of a list with commas; None where there is no list."""
     return None if listed is None else [name.strip() for name in listed.split(",")]
 
 
@@ -48,21 +49,25 @@ def say(line: str) -> None:
 
 
 def fail(message: str) -> NoReturn:
+    """End the command with one line on stderr and exit code 2."""
     say(f"error: {' '.join(message.split())}")
     raise typer.Exit(2)
 
 
 def say_written(files: Sequence[str], folder: Path) -> None:
+    """Which files are in a folder now."""
     say(f"wrote {folder}: {', '.join(files)}")
 
 
-def console(*, err: bool = False) -> Console:
+def terminal(*, err: bool = False) -> Console:
+    """A console on stdout or stderr as they are now."""
     from rich.console import Console
 
     return Console(stderr=err, highlight=False)
 
 
 def print_run(result: RunResult, console: Console) -> None:
+    """The table of a run."""
     from uwcoop.report import summary_table
 
     console.print(summary_table(result.summary, settle_s=float(result.tracks.attrs["settle_s"])))
@@ -80,7 +85,7 @@ def progress(title: str, total: int | None) -> Iterator[Callable[..., None]]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    console = console(err=True)
+    console = terminal(err=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=total)
 

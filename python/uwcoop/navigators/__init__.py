@@ -125,6 +125,12 @@ NAVIGATORS: dict[str, Spec] = {
         {},
         _dmpf,
     ),
+    "dmpf-unlimited": Spec(
+        "dmpf that broadcasts all its particles (section 5.1 of the paper); needs a modem without a limit.",
+        DmpfOptions,
+        {"packet": "particles"},
+        _dmpf,
+    ),
     "terrain-only": Spec("dmpf without ranges.", DmpfOptions, {"use_ranges": False}, _dmpf),
     "ranging-only": Spec("dmpf without soundings.", DmpfOptions, {"use_terrain": False}, _dmpf),
     "mpf": Spec(
@@ -158,6 +164,9 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
             )
     own = {key: value for key, value in common.items() if key in model.model_fields}
     own |= tables.get(name, {})
+    diagnostics = (scenario or {}).get("diagnostics", {})
+    if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in model.model_fields:
+        own.setdefault("entropy_sigma_m", diagnostics["entropy_sigma_m"])
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:

@@ -82,12 +82,18 @@ class FilterOptions(DriftOptions):
     """Ranges that contradict the cloud by more than this many sigmas are gated and counted; None: never."""
     packet: Literal["rounded", "f64"] = "rounded"
     """Broadcast belief: 15 bytes, or 47 for studies without a limit on bandwidth."""
+    entropy_sigma_m: Positive | None = None
+    """Kernel width of the entropies (20)-(21) that say what a range told; set by `diagnostics.entropy`."""
 
 
 class DmpfOptions(FilterOptions):
     """Options of `dmpf`, `terrain-only` and `ranging-only`: the paper's values."""
 
     drift: Literal["table-1", "no-dvl", "dvl"] = "table-1"
+    packet: Literal["rounded", "f64", "modes", "particles"] = "rounded"
+    """As the base; `modes`: a Gaussian mixture (section 7); or all particles (section 5.1), 24 bytes each."""
+    modes: Annotated[int, Field(ge=1, le=4)] = 2
+    """Modes of a `modes` packet; two take 26 bytes."""
     window: Annotated[int, Field(ge=1, le=120)] = 14
     """ℓ, the number of depth differences along the vehicle's track."""
     sigma_like_m: Positive = 0.2
@@ -119,7 +125,7 @@ class MpfOptions(FilterOptions):
     sounding_spacing_m: NonNegative = 0.0
     """Least distance between the soundings that are used."""
     least_ess_share: Annotated[float, Field(ge=0, le=0.5)] = 0.02
-    """A sounding that would leave a smaller effective share of the particles is softened: sigma doubled, six times at most."""
+    """A sounding that would leave a smaller effective share of the particles counts less: sigma doubled, at most six times."""
     bias_states: bool = False
     """Compass and thrust bias as further Kalman states."""
     range_method: Literal["gaussian"] = "gaussian"

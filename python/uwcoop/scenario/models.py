@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
@@ -11,7 +11,7 @@ from uwcoop.scenario.base import NAME, NonNegative, Positive, Table, nearest
 from uwcoop.scenario.chart import ChartSpec
 from uwcoop.scenario.sensors import Sensors
 from uwcoop.scenario.vehicle import Drift, Team, Vehicle
-from uwcoop.scenario.world import Current, NoCurrent, Tide
+from uwcoop.scenario.world import Current, NoCurrent, Tide, Waves
 
 
 class Metrics(Table):
@@ -19,6 +19,15 @@ class Metrics(Table):
 
     settle_s: NonNegative = 50.0
     """Errors count from here on."""
+
+
+class Diagnostics(Table):
+    """What navigators work out beside their estimates; slows them down."""
+
+    entropy: Literal["off", "at_reception"] = "off"
+    """At each reception, the mutual information of position and range (Tan, Chitre & Hover 2016, (19)-(21))."""
+    entropy_sigma_m: Positive = 5.0
+    """Width of the kernel in (21); the paper gives none."""
 
 
 def _team_or_list(value: Any) -> str:
@@ -46,9 +55,11 @@ class Scenario(Table):
     drift: Drift = Field(default_factory=lambda: Drift.model_validate({}))
     current: Current = NoCurrent()
     tide: Tide = Tide()
+    waves: Waves = Waves()
     sensors: Sensors = Sensors()
     acoustics: Acoustics
     metrics: Metrics = Metrics()
+    diagnostics: Diagnostics = Diagnostics()
     navigator: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Options for navigators by name; the navigators check them."""
 
@@ -99,7 +110,8 @@ class Scenario(Table):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"vehicle name {name!r} is used {names.count(name)} times: must be unique")
-        for name in self.acoustics.order:
-            if name not in names:
-                raise ValueError(f"acoustics.order names {name!r}: no such vehicle, {nearest(name, names)}")
+        for key, named in self.acoustics.named_vehicles.items():
+            for name in named:
+                if name not in names:
+                    raise ValueError(f"acoustics.{key} names {name!r}: no such vehicle, {nearest(name, names)}")
         return self

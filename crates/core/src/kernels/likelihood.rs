@@ -110,9 +110,30 @@ dispatch! {
     }
 }
 
+/// The paper's range likelihood (17) of each particle: −ln Σ_j w_j | ‖x − ϖ_j‖ − R |, N² distances.
+pub fn range_eq17(
+    range_m: f64,
+    sample_east: &[f64],
+    sample_north: &[f64],
+    sample_weight: &[f64],
+    east: &[f64],
+    north: &[f64],
+    out: &mut [f64],
+) {
+    out.fill(0.0);
+    add_range_misfit(range_m, sample_east, sample_north, sample_weight, east, north, out);
+    misfit_to_log_likelihood(out);
+}
+
+/// Sums of (17) to −ln of them. A sum of zero would be a likelihood of infinity: a micrometre is far below any range's
+/// noise.
+pub fn misfit_to_log_likelihood(sums: &mut [f64]) {
+    sums.iter_mut().for_each(|sum| *sum = -sum.max(1e-6).ln());
+}
+
 dispatch! {
-    /// The paper's range likelihood (17) of each particle: −ln Σ_j w_j | ‖x − ϖ_j‖ − R |, N² distances.
-    pub fn range_eq17(
+    /// Adds Σ_j w_j | ‖x − ϖ_j‖ − R | of each particle, the sum in (17).
+    pub fn add_range_misfit(
         range_m: f64,
         sample_east: &[f64],
         sample_north: &[f64],
@@ -132,9 +153,7 @@ dispatch! {
                     *sum += sw * ((de * de + dn * dn).sqrt() - range_m).abs();
                 }
             }
-            // A sum of zero would be a likelihood of infinity: a micrometre is far below any range's noise.
-            let sum: f64 = sums.iter().sum();
-            *out = -(if sum > 1e-6 { sum } else { 1e-6 }).ln();
+            *out += sums.iter().sum::<f64>();
         }
     }
 }

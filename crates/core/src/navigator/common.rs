@@ -14,7 +14,9 @@ use crate::kernels::particles::{MAX_LINEAR, displacement_map, prepare_step, prop
 use crate::kernels::weights::weighted_covariance;
 use crate::link::{ReceiveWindow, Sequencer, range_m, slant_to_horizontal};
 use crate::noise::{Purpose, Stream, Streams};
-use crate::packet::{Belief, BeliefPacket, Header, HeardBitmap, PacketKind};
+use crate::packet::{
+    Belief, BeliefPacket, CloudPacket, Header, HeardBitmap, MixturePacket, PacketKind, open,
+};
 
 /// Nanoseconds to seconds.
 #[must_use]
@@ -135,11 +137,22 @@ pub struct Radio {
 /// A slant range this many sigmas shorter than the difference of the depths is refused.
 const SLANT_GATES: f64 = 4.0;
 
+/// What a teammate said of its own position at launch.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Said {
+    /// A Gaussian.
+    Gaussian(Belief),
+    /// All its particles.
+    Cloud(CloudPacket),
+    /// A few Gaussian modes with their shares.
+    Mixture(Vec<(f64, Belief)>),
+}
+
 /// A teammate's belief with the measured horizontal range to where it was.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Heard {
     /// What the teammate believes of itself at launch.
-    pub belief: Belief,
+    pub said: Said,
     /// Horizontal range from the teammate at launch to this vehicle at arrival, m.
     pub range_m: f64,
 }
@@ -195,19 +208,56 @@ impl Radio {
     ) -> Result<Arc<[u8]>, Error> {
         let [ee, en, nn] = estimate.covariance_m2;
         let packet = BeliefPacket {
-            header: Header {
-                kind,
-                sequence: self.sequencer.residue(),
-                // A sensor at the surface may read a little above it.
-                depth_m: self.depth_m.max(0.0),
-                heard: self.heard,
-            },
+            header: self.header(kind),
             belief: Belief {
                 mean_m: Vector2::from(estimate.mean_m),
                 covariance_m2: Matrix2::new(ee, en, en, nn),
             },
         };
-        let bytes = packet.encode(self.own, tol_ns)?;
+        self.launch(packet.encode(self.own, tol_ns)?, capacity_bytes)
+    }
+
+    /// A sealed packet with all particles.
+    ///
+    /// # Errors
+    /// As [`Radio::broadcast`].
+    pub fn broadcast_cloud(
+        &mut self,
+        particles: Particles,
+        tol_ns: i64,
+        capacity_bytes: usize,
+    ) -> Result<Arc<[u8]>, Error> {
+        let Particles { east, north, weights } = particles;
+        let packet = CloudPacket { header: self.header(PacketKind::Cloud), east, north, weights };
+        self.launch(packet.encode(self.own, tol_ns)?, capacity_bytes)
+    }
+
+    /// A sealed packet with a few modes.
+    ///
+    /// # Errors
+    /// As [`Radio::broadcast`].
+    pub fn broadcast_modes(
+        &mut self,
+        modes: Vec<(f64, Belief)>,
+        tol_ns: i64,
+        capacity_bytes: usize,
+    ) -> Result<Arc<[u8]>, Error> {
+        let packet = MixturePacket { header: self.header(PacketKind::Mixture), modes };
+        self.launch(packet.encode(self.own, tol_ns)?, capacity_bytes)
+    }
+
+    fn header(&self, kind: PacketKind) -> Header {
+        Header {
+            kind,
+            sequence: self.sequencer.residue(),
+            // A sensor at the surface may read a little above it.
+            depth_m: self.depth_m.max(0.0),
+            heard: self.heard,
+        }
+    }
+
+    /// Counts the packet as sent if it fits.
+    fn launch(&mut self, bytes: Vec<u8>, capacity_bytes: usize) -> Result<Arc<[u8]>, Error> {
         if bytes.len() > capacity_bytes {
             return Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes });
         }
@@ -226,16 +276,29 @@ impl Radio {
         sigma_range_m: f64,
     ) -> Option<Heard> {
         let window = self.windows.get_mut(usize::from(sender))?;
-        let packet = BeliefPacket::decode(bytes, sender, tol_ns).ok()?;
+        let (header, said) = match open(bytes, sender, tol_ns).and_then(Header::peek_kind).ok()? {
+            PacketKind::Cloud => {
+                let packet = CloudPacket::decode(bytes, sender, tol_ns).ok()?;
+                (packet.header, Said::Cloud(packet))
+            }
+            PacketKind::Mixture => {
+                let packet = MixturePacket::decode(bytes, sender, tol_ns).ok()?;
+                (packet.header, Said::Mixture(packet.modes))
+            }
+            PacketKind::Belief | PacketKind::BeliefF64 => {
+                let packet = BeliefPacket::decode(bytes, sender, tol_ns).ok()?;
+                (packet.header, Said::Gaussian(packet.belief))
+            }
+        };
         let range = range_m(tol_ns, toa_ns, self.sound_speed_mps).and_then(|slant_m| {
-            slant_to_horizontal(slant_m, self.depth_m, packet.header.depth_m, sigma_range_m, SLANT_GATES)
+            slant_to_horizontal(slant_m, self.depth_m, header.depth_m, sigma_range_m, SLANT_GATES)
         });
         let mut heard = self.heard;
         let range_m = range.ok()?.range_m;
         heard.insert(sender).ok()?;
-        window.accept(packet.header.sequence, tol_ns).ok()?;
+        window.accept(header.sequence, tol_ns).ok()?;
         self.heard = heard;
-        Some(Heard { belief: packet.belief, range_m })
+        Some(Heard { said, range_m })
     }
 }
 
@@ -254,6 +317,8 @@ pub struct ParticleCore<const K: usize> {
     pub status: Status,
     /// Measurements gated and packets rejected.
     pub rejected: u64,
+    /// What the last fused range told, nat; NaN where not asked for.
+    pub information_nat: f64,
     drift: Drift,
     streams: Streams,
     step: u32,
@@ -290,6 +355,7 @@ impl<const K: usize> ParticleCore<K> {
             trajectory: None,
             status: Status::NotStarted,
             rejected: 0,
+            information_nat: f64::NAN,
             drift,
             streams,
             step: 0,
@@ -480,6 +546,20 @@ impl<const K: usize> ParticleCore<K> {
         estimate.covariance_m2[0] += added[(0, 0)] + walk[0];
         estimate.covariance_m2[1] += added[(0, 1)] + walk[1];
         estimate.covariance_m2[2] += added[(1, 1)] + walk[2];
+    }
+
+    /// A copy moved ahead to `t_ns` with the mean displacement.
+    #[must_use]
+    pub fn particles_at(&self, t_ns: i64) -> Particles {
+        let cloud = &self.cloud;
+        let now = self.cloud.position_moments().0;
+        let then = self.estimate(t_ns).mean_m;
+        let along = |x: &[f64], by: f64| x.iter().map(|v| v + by).collect();
+        Particles {
+            east: along(&cloud.east, then[0] - now[0]),
+            north: along(&cloud.north, then[1] - now[1]),
+            weights: cloud.weights().to_vec(),
+        }
     }
 
     /// A copy for pictures.

@@ -6,6 +6,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::common::{Drift, ParticleCore, Radio, check_event, load, save};
@@ -16,8 +17,9 @@ use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
 use crate::kernels::lookup::Pattern;
+use crate::mixture::{Mode, fit};
 use crate::noise::{Purpose, Streams};
-use crate::packet::PacketKind;
+use crate::packet::{Belief, MODES_MAX, PacketKind};
 
 /// Options of `dmpf`; the paper's values are the defaults of the Python layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,6 +40,8 @@ pub struct DmpfOptions {
     pub terrain: bool,
     /// Form of the broadcast belief.
     pub packet: PacketKind,
+    /// Modes of a [`PacketKind::Mixture`].
+    pub modes: usize,
     /// Process noise and priors.
     pub drift: Drift,
 }
@@ -92,6 +96,13 @@ impl Dmpf {
         positive("resample_share", options.resample_share)?;
         if let Some(range) = &options.range {
             positive("sigma_range_m", range.sigma_m)?;
+        }
+        if !(1..=MODES_MAX).contains(&options.modes) {
+            return Err(Error::OutOfBound {
+                quantity: "modes",
+                value: options.modes as f64,
+                bound: "1 to 4",
+            });
         }
         if !(1..=MAX_WINDOW).contains(&options.window) {
             return Err(Error::OutOfBound {
@@ -172,6 +183,24 @@ impl Dmpf {
     }
 }
 
+/// Iterations of EM for a broadcast: more change a mode by less than its rounding.
+const EM_ITERATIONS: usize = 8;
+
+impl Dmpf {
+    /// The cloud as a few modes at `tol_ns`, for a multi-mode broadcast; `None` where one was not asked for.
+    fn modes(&self, tol_ns: i64) -> Option<Vec<(f64, Belief)>> {
+        if self.options.packet != PacketKind::Mixture {
+            return None;
+        }
+        let particles = self.state.core.particles_at(tol_ns);
+        let points: Vec<Vector2<f64>> =
+            particles.east.iter().zip(&particles.north).map(|(e, n)| Vector2::new(*e, *n)).collect();
+        let modes = fit(&points, &particles.weights, self.options.modes, EM_ITERATIONS)?;
+        let belief = |m: &Mode<2>| Belief { mean_m: m.mean, covariance_m2: m.covariance };
+        Some(modes.iter().map(|m| (m.weight, belief(m))).collect())
+    }
+}
+
 impl Scratch {
     /// Terrain log-likelihood (15); NaN for a particle whose segment touches no depth.
     fn terrain(&mut self, chart: &Chart, east: &[f64], north: &[f64], sigma_m: f64, out: &mut [f64]) {
@@ -225,6 +254,13 @@ impl Navigator for Dmpf {
         if self.options.range.is_none() || !self.state.core.started() {
             return Ok(None);
         }
+        if self.options.packet == PacketKind::Cloud {
+            let particles = self.state.core.particles_at(tol_ns);
+            return self.state.radio.broadcast_cloud(particles, tol_ns, capacity_bytes).map(Some);
+        }
+        if let Some(modes) = self.modes(tol_ns) {
+            return self.state.radio.broadcast_modes(modes, tol_ns, capacity_bytes).map(Some);
+        }
         let estimate = self.state.core.estimate(tol_ns);
         self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
@@ -244,5 +280,9 @@ impl Navigator for Dmpf {
 
     fn particles(&self) -> Option<Particles> {
         self.state.core.particles()
+    }
+
+    fn information_nat(&self) -> f64 {
+        self.state.core.information_nat
     }
 }

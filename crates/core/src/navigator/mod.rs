@@ -103,6 +103,11 @@ pub trait Navigator: Send {
         false
     }
 
+    /// What the last fused range told about the own position, nat; NaN for a navigator that does not keep count.
+    fn information_nat(&self) -> f64 {
+        f64::NAN
+    }
+
     /// Particles for pictures.
     fn particles(&self) -> Option<Particles> {
         None

@@ -417,4 +417,8 @@ impl<const K: usize> Navigator for Mpf<K> {
     fn particles(&self) -> Option<Particles> {
         self.state.core.particles()
     }
+
+    fn information_nat(&self) -> f64 {
+        self.state.core.information_nat
+    }
 }

@@ -3,9 +3,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::Outcome;
-use super::common::{Heard, ParticleCore};
-use crate::kernels::likelihood::{RangeBelief, add_range_gaussian};
+use super::common::{Heard, ParticleCore, Said};
+use crate::kernels::likelihood::{RangeBelief, add_range_gaussian, misfit_to_log_likelihood, range_eq17};
+use crate::kernels::weights::{kernel_entropy, moments};
 use crate::noise::Purpose;
+use crate::packet::Belief;
 
 /// How a range weighs the particles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -31,6 +33,39 @@ pub struct RangeOptions {
     pub sigma_m: f64,
     /// Ranges further off than this many standard deviations of innovation and cloud are gated; infinite for never.
     pub gate_sigmas: f64,
+    /// Kernel width of the entropies whose difference says what a range told (19)–(21), m; none leaves that out.
+    pub entropy_sigma_m: Option<f64>,
+}
+
+impl Said {
+    /// One Gaussian with the moments of what was said. Particles are where the vehicle is now, the range holds for where
+    /// it was at arrival: the belief is moved along by the displacement since.
+    fn summary(&self, range_m: f64, moved_m: [f64; 2], sigma_m: f64) -> RangeBelief {
+        let (mean, covariance_m2) = match self {
+            Self::Gaussian(belief) => gaussian(belief),
+            Self::Cloud(cloud) => moments(&cloud.weights, &cloud.east, &cloud.north),
+            Self::Mixture(modes) => {
+                let mut mean = [0.0; 2];
+                let mut square = [0.0; 3];
+                for (share, belief) in modes {
+                    let ([e, n], [ee, en, nn]) = gaussian(belief);
+                    mean[0] += share * e;
+                    mean[1] += share * n;
+                    square[0] += share * (ee + e * e);
+                    square[1] += share * (en + e * n);
+                    square[2] += share * (nn + n * n);
+                }
+                let [e, n] = mean;
+                (mean, [square[0] - e * e, square[1] - e * n, square[2] - n * n])
+            }
+        };
+        RangeBelief { mean_m: [mean[0] + moved_m[0], mean[1] + moved_m[1]], covariance_m2, range_m, sigma_m }
+    }
+}
+
+fn gaussian(belief: &Belief) -> ([f64; 2], [f64; 3]) {
+    let p = belief.covariance_m2;
+    ([belief.mean_m.x, belief.mean_m.y], [p.m11, p.m12, p.m22])
 }
 
 impl<const K: usize> ParticleCore<K> {
@@ -40,35 +75,65 @@ impl<const K: usize> ParticleCore<K> {
             self.rejected += 1;
             return Outcome::Rejected;
         };
-        let p = heard.belief.covariance_m2;
-        // Particles are where the vehicle is now, the range holds for where it was: move the belief along instead.
-        let belief = RangeBelief {
-            mean_m: [heard.belief.mean_m.x + moved[0], heard.belief.mean_m.y + moved[1]],
-            covariance_m2: [p.m11, p.m12, p.m22],
-            range_m: heard.range_m,
-            sigma_m: options.sigma_m,
-        };
+        let belief = heard.said.summary(heard.range_m, moved, options.sigma_m);
         if options.gate_sigmas.is_finite() && self.contradicts(&belief, options.gate_sigmas) {
             self.rejected += 1;
             return Outcome::Gated;
         }
+        let prior_nat = options.entropy_sigma_m.map(|sigma_m| self.entropy(sigma_m));
         let mut column = self.cloud.likelihood_column();
-        match options.method {
-            RangeMethod::Gaussian { temper } => {
+        match (options.method, &heard.said) {
+            (RangeMethod::Gaussian { temper }, Said::Mixture(modes)) => {
+                let modes: Vec<(f64, RangeBelief)> = modes
+                    .iter()
+                    .map(|(w, b)| (*w, Said::Gaussian(*b).summary(heard.range_m, moved, options.sigma_m)))
+                    .collect();
+                for ((l, e), n) in column.iter_mut().zip(&self.cloud.east).zip(&self.cloud.north) {
+                    let density = modes.iter().map(|(w, b)| {
+                        let (innovation, variance) = b.innovation(*e, *n);
+                        w * (-0.5 * innovation * innovation / variance).exp() / variance.sqrt()
+                    });
+                    // A range that no mode explains must not make the weights zero: 1e-300 is less than any density.
+                    *l = temper * density.sum::<f64>().max(1e-300).ln();
+                }
+            }
+            (RangeMethod::Gaussian { temper }, _) => {
                 add_range_gaussian(&belief, temper, &self.cloud.east, &self.cloud.north, &mut column);
             }
-            RangeMethod::Eq17 { samples } => {
+            (RangeMethod::Eq17 { .. }, Said::Cloud(cloud)) => {
+                let along = |x: &[f64], by: f64| x.iter().map(|v| v + by).collect::<Vec<_>>();
+                let (e, n) = (along(&cloud.east, moved[0]), along(&cloud.north, moved[1]));
+                let own = &self.cloud;
+                range_eq17(heard.range_m, &e, &n, &cloud.weights, &own.east, &own.north, &mut column);
+            }
+            (RangeMethod::Eq17 { samples }, Said::Mixture(modes)) => {
+                let samples = if samples == 0 { self.cloud.len() } else { samples };
+                for (share, mode) in modes {
+                    let mode = Said::Gaussian(*mode).summary(heard.range_m, moved, options.sigma_m);
+                    let stream = self.next_stream(Purpose::Belief);
+                    let drawn = ((share * samples as f64).round() as usize).max(1);
+                    self.cloud.add_belief_misfit(&mode, drawn, &stream, &mut column);
+                }
+                misfit_to_log_likelihood(&mut column);
+            }
+            (RangeMethod::Eq17 { samples }, Said::Gaussian(_)) => {
                 let samples = if samples == 0 { self.cloud.len() } else { samples };
                 let stream = self.next_stream(Purpose::Belief);
                 self.cloud.belief_likelihood(&belief, samples, &stream, &mut column);
             }
         }
-        if self.cloud.reweight(column) {
-            Outcome::Fused
-        } else {
+        if !self.cloud.reweight(column) {
             self.rejected += 1;
-            Outcome::Gated
+            return Outcome::Gated;
         }
+        if let (Some(prior_nat), Some(sigma_m)) = (prior_nat, options.entropy_sigma_m) {
+            self.information_nat = prior_nat - self.entropy(sigma_m);
+        }
+        Outcome::Fused
+    }
+
+    fn entropy(&self, sigma_m: f64) -> f64 {
+        kernel_entropy(self.cloud.weights(), &self.cloud.east, &self.cloud.north, sigma_m)
     }
 
     /// True if the mean innovation is too far from zero for what the cloud and the belief admit.

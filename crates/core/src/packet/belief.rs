@@ -98,6 +98,7 @@ impl BeliefPacket {
         match self.header.kind {
             PacketKind::Belief => self.belief.write_rounded(&mut writer)?,
             PacketKind::BeliefF64 => self.belief.write_f64(&mut writer)?,
+            other => return Err(not_a_belief(other)),
         }
         Ok(seal(writer.finish(), sender, tol_ns))
     }
@@ -113,6 +114,7 @@ impl BeliefPacket {
         let expected = match Header::peek_kind(payload)? {
             PacketKind::Belief => BELIEF_BYTES,
             PacketKind::BeliefF64 => BELIEF_F64_BYTES,
+            other => return Err(not_a_belief(other)),
         };
         if bytes.len() != expected {
             return Err(PacketError::Length { bytes: bytes.len(), expected });
@@ -122,15 +124,20 @@ impl BeliefPacket {
         let belief = match header.kind {
             PacketKind::Belief => Belief::read_rounded(&mut reader)?,
             PacketKind::BeliefF64 => Belief::read_f64(&mut reader)?,
+            other => return Err(not_a_belief(other)),
         };
         reader.finish()?;
         Ok(Self { header, belief })
     }
 }
 
+fn not_a_belief(kind: PacketKind) -> PacketError {
+    PacketError::InvalidCode { field: "packet kind", code: u64::from(kind.code()) }
+}
+
 impl Belief {
     /// Finite, symmetric and positive semi-definite, but for rounding.
-    fn check(&self) -> Result<(), PacketError> {
+    pub(super) fn check(&self) -> Result<(), PacketError> {
         let values = [
             (EAST.name, self.mean_m.x),
             (NORTH.name, self.mean_m.y),
@@ -151,7 +158,7 @@ impl Belief {
         if proper { Ok(()) } else { Err(PacketError::NotCovariance { ee, en, ne, nn }) }
     }
 
-    fn write_rounded(&self, writer: &mut BitWriter) -> Result<(), PacketError> {
+    pub(super) fn write_rounded(&self, writer: &mut BitWriter) -> Result<(), PacketError> {
         EAST.write(writer, self.mean_m.x)?;
         NORTH.write(writer, self.mean_m.y)?;
         let codes = CovarianceCodes::covering(&self.covariance_m2)?;
@@ -160,7 +167,7 @@ impl Belief {
         CORRELATION.write_code(writer, codes.correlation)
     }
 
-    fn read_rounded(reader: &mut BitReader) -> Result<Self, PacketError> {
+    pub(super) fn read_rounded(reader: &mut BitReader) -> Result<Self, PacketError> {
         let mean_m = Vector2::new(EAST.read(reader)?, NORTH.read(reader)?);
         let (sigma_e, sigma_n) = (SIGMA_E.read(reader)?, SIGMA_N.read(reader)?);
         let covariance_m2 = covariance(sigma_e, sigma_n, CORRELATION.read(reader)?);

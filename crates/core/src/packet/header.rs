@@ -26,6 +26,10 @@ pub enum PacketKind {
     Belief,
     /// 2: the same as `f64`.
     BeliefF64,
+    /// 3: all particles with their weights, [`CloudPacket`](super::CloudPacket).
+    Cloud,
+    /// 4: a few modes, [`MixturePacket`](super::MixturePacket).
+    Mixture,
 }
 
 impl PacketKind {
@@ -35,6 +39,8 @@ impl PacketKind {
         match self {
             Self::Belief => 1,
             Self::BeliefF64 => 2,
+            Self::Cloud => 3,
+            Self::Mixture => 4,
         }
     }
 
@@ -42,6 +48,8 @@ impl PacketKind {
         match code {
             1 => Ok(Self::Belief),
             2 => Ok(Self::BeliefF64),
+            3 => Ok(Self::Cloud),
+            4 => Ok(Self::Mixture),
             _ => Err(PacketError::InvalidCode { field: KIND.name, code }),
         }
     }

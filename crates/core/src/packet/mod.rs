@@ -30,18 +30,22 @@
 
 mod belief;
 mod bits;
+mod cloud;
 mod error;
 mod field;
 mod header;
+mod mixture;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
 
 pub use belief::{BELIEF_BYTES, BELIEF_F64_BYTES, Belief, BeliefPacket};
 pub use bits::{BitReader, BitWriter};
+pub use cloud::CloudPacket;
 pub use error::PacketError;
 pub use field::{AngleField, FixedField, FloatField, ModuloField, Rounding, UnsignedField};
 pub use header::{Header, HeardBitmap, PacketKind, TEAM_MAX};
+pub use mixture::{MODES_MAX, MixturePacket};
 pub use uncertainty::{CorrelationField, SigmaField};
 
 use crc::{CRC_16_IBM_3740, Crc};

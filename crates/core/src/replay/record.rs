@@ -27,6 +27,8 @@ pub struct PacketRecord {
     pub received: bool,
     /// Whether the receiver used it.
     pub accepted: bool,
+    /// What its range told, nat; NaN where not used or not asked for.
+    pub information_nat: f64,
 }
 
 /// Particles of one vehicle at one instant, single precision: for pictures.
@@ -163,10 +165,11 @@ impl Record {
         self.tracks.packets.len() - 1
     }
 
-    /// Writes down whether the receiver used it.
-    pub fn accepted(&mut self, index: usize, accepted: bool) {
+    /// Writes down that the receiver used it, and what it told.
+    pub fn accepted(&mut self, index: usize, information_nat: f64) {
         if let Some(packet) = self.tracks.packets.get_mut(index) {
-            packet.accepted = accepted;
+            packet.accepted = true;
+            packet.information_nat = information_nat;
         }
     }
 

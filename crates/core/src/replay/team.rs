@@ -95,6 +95,17 @@ impl Team {
         }
     }
 
+    /// What the last fused range told a vehicle, nat; NaN where nobody keeps count.
+    #[must_use]
+    pub fn information_nat(&self, vehicle: VehicleId) -> f64 {
+        match self {
+            Self::Each(navigators) => {
+                navigators.get(usize::from(vehicle)).map_or(f64::NAN, |n| n.information_nat())
+            }
+            Self::Central(_) => f64::NAN,
+        }
+    }
+
     /// Snapshots of all members.
     ///
     /// # Errors
