@@ -17,7 +17,7 @@ pub struct Cloud<const K: usize> {
     /// Means of the linear states.
     #[serde(with = "columns")]
     pub linear: [Vec<f64>; K],
-    /// Datum offset, m; positive = deeper than the chart.
+    /// Datum offset, m; positive = deeper than the chart. Empty for a filter that has none ([`Cloud::add_offset`]).
     pub offset: Vec<f64>,
     /// Its variance, m².
     pub offset_variance: Vec<f64>,
@@ -61,8 +61,8 @@ impl<const K: usize> Cloud<K> {
             east: vec![0.0; count],
             north: vec![0.0; count],
             linear: std::array::from_fn(|_| vec![0.0; count]),
-            offset: vec![0.0; count],
-            offset_variance: vec![0.0; count],
+            offset: Vec::new(),
+            offset_variance: Vec::new(),
             log_weights: vec![0.0; count],
             weights: vec![0.0; count],
             ess: count as f64,
@@ -70,6 +70,12 @@ impl<const K: usize> Cloud<K> {
         };
         cloud.equalise();
         cloud
+    }
+
+    /// Gives every particle a datum offset of zero.
+    pub fn add_offset(&mut self) {
+        self.offset = vec![0.0; self.len()];
+        self.offset_variance = vec![0.0; self.len()];
     }
 
     /// Number of particles.
@@ -127,6 +133,11 @@ impl<const K: usize> Cloud<K> {
         let mut column = std::mem::take(&mut self.scratch.column);
         column.fill(0.0);
         column
+    }
+
+    /// Takes a column of [`Cloud::likelihood_column`] back unused.
+    pub fn put_back(&mut self, column: Vec<f64>) {
+        self.scratch.column = column;
     }
 
     /// Multiplies the weights by exp(log-likelihood) and normalises; takes the scratch column back.
@@ -196,6 +207,7 @@ impl<const K: usize> Cloud<K> {
         for column in [&mut self.east, &mut self.north, &mut self.offset, &mut self.offset_variance]
             .into_iter()
             .chain(&mut self.linear)
+            .filter(|column| column.len() == n)
         {
             gather(column, &mut s.column, &s.ancestors);
         }
@@ -219,8 +231,10 @@ impl<const K: usize> Cloud<K> {
         stream.normal_pairs(0, n0, n1);
         stream.normal_pairs(1, n2, n3);
         stream.normal_pairs(2, n4, n5);
-        stream.normal_pairs(3, &mut self.scratch.a, &mut self.scratch.b);
-        let extra = &self.scratch.a;
+        let extra = &mut self.scratch.a;
+        if K > 3 {
+            stream.normal_pairs(3, extra, &mut self.scratch.b);
+        }
         let (e, nn, b) = (&mut self.east[..], &mut self.north[..], &mut self.offset[..]);
         match self.linear.as_mut_slice() {
             [c0, c1] => liu_west(&mut [e, nn, b, c0, c1], h, &[n0, n1, n2, n3, n4]),

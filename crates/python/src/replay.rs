@@ -1,6 +1,7 @@
 //! A team replaying a mission, without the GIL.
 
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
@@ -20,9 +21,20 @@ use crate::python_navigator::{Failure, PythonNavigator};
 pub struct Replay {
     inner: Mutex<Option<CoreReplay>>,
     failure: Failure,
+    elapsed: Mutex<Duration>,
 }
 
 impl Replay {
+    /// Runs and adds up the time it took.
+    fn timed(&self, until_ns: i64) -> PyResult<()> {
+        let start = Instant::now();
+        let result = self.with(|r| r.run_until(until_ns));
+        if let Ok(mut elapsed) = self.elapsed.lock() {
+            *elapsed += start.elapsed();
+        }
+        result
+    }
+
     fn with<T>(&self, f: impl FnOnce(&mut CoreReplay) -> Result<T, Error>) -> PyResult<T> {
         let mut guard =
             self.inner.lock().map_err(|_| argument("the replay failed in another thread".into()))?;
@@ -63,13 +75,19 @@ impl Replay {
         let samples: Arc<[i64]> = sample_ns.as_array().iter().copied().collect();
         let inner = CoreReplay::new(mission.inner.clone(), Team::Each(team), samples, cloud_every)
             .map_err(navigator)?;
-        Ok(Self { inner: Mutex::new(Some(inner)), failure })
+        Ok(Self { inner: Mutex::new(Some(inner)), failure, elapsed: Mutex::default() })
     }
 
     /// Runs until everything before `until_ns` has happened; without it, to the end.
     #[pyo3(signature = (until_ns = None))]
     fn run(&self, py: Python<'_>, until_ns: Option<i64>) -> PyResult<()> {
-        py.detach(|| self.with(|r| r.run_until(until_ns.unwrap_or(i64::MAX))))
+        py.detach(|| self.timed(until_ns.unwrap_or(i64::MAX)))
+    }
+
+    /// Wall time that the runs took so far, s.
+    #[getter]
+    fn seconds(&self) -> f64 {
+        self.elapsed.lock().map_or(f64::NAN, |e| e.as_secs_f64())
     }
 
     /// Everything that determines what comes next, and what was recorded so far, as bytes.
@@ -103,7 +121,7 @@ pub fn run_all(py: Python<'_>, replays: Vec<Py<Replay>>, threads: usize) -> PyRe
             .num_threads(threads)
             .build()
             .map_err(|e| argument(format!("{threads} threads: {e}")))?;
-        pool.install(|| replays.par_iter().try_for_each(|r| r.get().with(|r| r.run())))
+        pool.install(|| replays.par_iter().try_for_each(|r| r.get().timed(i64::MAX)))
     })
 }
 

@@ -9,11 +9,12 @@ use serde::{Deserialize, Serialize};
 use super::common::{Drift, ParticleCore, Radio, check_event, load, save, seconds};
 use super::range::RangeOptions;
 use super::{Estimate, Navigator, Outcome, Particles};
-use crate::chart::Chart;
+use crate::chart::{Chart, SigmaMap};
 use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
-use crate::kernels::likelihood::OffsetModel;
+use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
 use crate::kernels::lookup::{Pattern, bilinear, pattern_depths};
+use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
 use crate::noise::{Purpose, Streams};
 use crate::packet::PacketKind;
 
@@ -99,8 +100,11 @@ struct State<const K: usize> {
 struct Scratch {
     here: Pattern,
     depth: Vec<f64>,
+    sigma_map: Vec<f64>,
     correction: Vec<f64>,
     variance: Vec<f64>,
+    innovation: Vec<f64>,
+    innovation_variance: Vec<f64>,
 }
 
 impl<const K: usize> Mpf<K> {
@@ -117,12 +121,14 @@ impl<const K: usize> Mpf<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         options.validate()?;
+        let mut core = ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?;
+        core.cloud.add_offset();
         Ok(Self {
             own,
             options,
             chart,
             state: State {
-                core: ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?,
+                core,
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
                 sounded_at_m: None,
                 health: 1.0,
@@ -137,6 +143,15 @@ impl<const K: usize> Mpf<K> {
     #[must_use]
     pub fn alarms(&self) -> u64 {
         self.state.alarms
+    }
+
+    /// Mean and variance of the datum offset (tide), m and m²; positive = deeper than the chart.
+    #[must_use]
+    pub fn datum_offset(&self) -> (f64, f64) {
+        let cloud = &self.state.core.cloud;
+        let (w, b) = (cloud.weights(), &cloud.offset);
+        let mean = weighted_mean(w, b);
+        (mean, weighted_mean(w, &cloud.offset_variance) + weighted_covariance(w, b, mean, b, mean))
     }
 
     fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
@@ -171,29 +186,25 @@ impl<const K: usize> Mpf<K> {
 
         let q = self.options.sigma_offset_m_per_sounding.powi(2);
         let cloud = &mut core.cloud;
-        self.scratch.look_up(chart, &cloud.east, &cloud.north);
+        let scratch = &mut self.scratch;
+        scratch.look_up(chart, &cloud.east, &cloud.north);
+        scratch.sigma_map(self.options.sigma_map_m, chart, &cloud.east, &cloud.north);
         let mut column = cloud.likelihood_column();
-        let mut health = Health::default();
-        for (i, log_likelihood) in column.iter_mut().enumerate() {
-            let depth = self.scratch.depth[i];
-            let prior = cloud.offset_variance[i] + q;
-            if depth.is_nan() {
-                *log_likelihood = f64::NAN;
-                self.scratch.correction[i] = 0.0;
-                self.scratch.variance[i] = cloud.offset_variance[i];
-                continue;
-            }
-            let sigma_map_m =
-                self.options.sigma_map_m.unwrap_or_else(|| chart.sigma_map_at(cloud.east[i], cloud.north[i]));
-            let innovation = water_depth_m - depth - cloud.offset[i];
-            let (l, correction, variance) = model.update(innovation, prior, sigma_map_m);
-            *log_likelihood = l;
-            self.scratch.correction[i] = correction;
-            self.scratch.variance[i] = variance;
-            let s = prior + model.sigma_m * model.sigma_m + sigma_map_m * sigma_map_m;
-            health.add(cloud.weights()[i], innovation, s);
-        }
+        let mut columns = SoundingColumns {
+            depth_m: &scratch.depth,
+            sigma_map_m: &scratch.sigma_map,
+            offset_m: &cloud.offset,
+            offset_variance_m2: &cloud.offset_variance,
+            log_likelihood: &mut column,
+            correction_m: &mut scratch.correction,
+            variance_m2: &mut scratch.variance,
+            innovation_m: &mut scratch.innovation,
+            innovation_variance_m2: &mut scratch.innovation_variance,
+        };
+        sounding_update(&model, water_depth_m, q, &mut columns);
+        let health = scratch.health(&column, cloud.weights());
         if !core.fill_holes(&mut column) {
+            core.cloud.put_back(column);
             core.rejected += 1;
             return Outcome::Gated;
         }
@@ -203,7 +214,7 @@ impl<const K: usize> Mpf<K> {
         }
         core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
         core.cloud.reweight(column);
-        if !self.watch(health.statistic()) {
+        if !self.watch(health) {
             self.resample();
         }
         Outcome::Fused
@@ -288,10 +299,40 @@ impl MpfOptions {
 }
 
 impl Scratch {
+    /// Standard deviation of the chart under each particle.
+    fn sigma_map(&mut self, fixed_m: Option<f64>, chart: &Chart, east: &[f64], north: &[f64]) {
+        match (fixed_m, chart.sigma_map()) {
+            (Some(sigma), _) | (None, &SigmaMap::Uniform(sigma)) => self.sigma_map.fill(sigma),
+            (None, SigmaMap::PerNode { .. }) => {
+                for ((out, e), n) in self.sigma_map.iter_mut().zip(east).zip(north) {
+                    *out = chart.sigma_map_at(*e, *n);
+                }
+            }
+        }
+    }
+
+    /// ν̄² / (S + Var_w(h + b)) over the particles that have a chart.
+    fn health(&self, log_likelihood: &[f64], weights: &[f64]) -> f64 {
+        let (_, share) = known_share(log_likelihood, weights);
+        // Innovation and its variance are zero for the others.
+        let mean = weighted_mean(weights, &self.innovation) / share;
+        let square = weighted_covariance(weights, &self.innovation, 0.0, &self.innovation, 0.0) / share;
+        let spread = (square - mean * mean).max(0.0);
+        let statistic = mean * mean / (weighted_mean(weights, &self.innovation_variance) / share + spread);
+        if statistic.is_finite() { statistic } else { 0.0 }
+    }
+
     /// Depth under each particle, NaN where there is none.
     fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
         let n = east.len();
-        for column in [&mut self.depth, &mut self.correction, &mut self.variance] {
+        for column in [
+            &mut self.depth,
+            &mut self.sigma_map,
+            &mut self.correction,
+            &mut self.variance,
+            &mut self.innovation,
+            &mut self.innovation_variance,
+        ] {
             column.resize(n, 0.0);
         }
         let grid = chart.grid();
@@ -307,31 +348,6 @@ impl Scratch {
                 *out = bilinear(&grid, *e, *n);
             }
         }
-    }
-}
-
-/// Weighted moments of the innovation, for ν̄² / (S + Var_w(h + b)).
-#[derive(Default)]
-struct Health {
-    weight: f64,
-    mean: f64,
-    square: f64,
-    s: f64,
-}
-
-impl Health {
-    fn add(&mut self, weight: f64, innovation: f64, s: f64) {
-        self.weight += weight;
-        self.mean += weight * innovation;
-        self.square += weight * innovation * innovation;
-        self.s += weight * s;
-    }
-
-    fn statistic(&self) -> f64 {
-        let mean = self.mean / self.weight;
-        let spread = (self.square / self.weight - mean * mean).max(0.0);
-        let statistic = mean * mean / (self.s / self.weight + spread);
-        if statistic.is_finite() { statistic } else { 0.0 }
     }
 }
 
