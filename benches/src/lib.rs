@@ -72,9 +72,11 @@ pub fn dmpf_options(particles: usize) -> DmpfOptions {
             method: RangeMethod::Eq17 { samples: 0 },
             sigma_m: 1.0,
             gate_sigmas: f64::INFINITY,
+            entropy_sigma_m: None,
         }),
         terrain: true,
         packet: PacketKind::Belief,
+        modes: 2,
         drift: drift(),
     }
 }
@@ -92,11 +94,13 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
         correlation_length_m: Some(10.0),
         sigma_map_m: Some(0.1),
         sounding_spacing_m: 0.0,
+        least_ess_share: 0.02,
         monitor: None,
         range: Some(RangeOptions {
             method: RangeMethod::Gaussian { temper: 0.05 },
             sigma_m: 1.0,
             gate_sigmas: 6.0,
+            entropy_sigma_m: None,
         }),
         packet: PacketKind::Belief,
         drift: drift(),

@@ -3,7 +3,6 @@
 use serde::{Deserialize, Serialize};
 
 use crate::kernels::likelihood::{RangeBelief, add_range_misfit, misfit_to_log_likelihood};
-use crate::kernels::math::exp;
 use crate::kernels::particles::{cholesky_2x2, gather, liu_west, liu_west_bandwidth, roughen};
 use crate::kernels::weights::{self, moments, weighted_mean};
 use crate::noise::Stream;
@@ -18,7 +17,7 @@ pub struct Cloud<const K: usize> {
     /// Means of the linear states.
     #[serde(with = "columns")]
     pub linear: [Vec<f64>; K],
-    /// Datum offset, m; positive = deeper than the chart.
+    /// Datum offset, m; positive = deeper than the chart. Empty for a filter that has none ([`Cloud::add_offset`]).
     pub offset: Vec<f64>,
     /// Its variance, m².
     pub offset_variance: Vec<f64>,
@@ -62,8 +61,8 @@ impl<const K: usize> Cloud<K> {
             east: vec![0.0; count],
             north: vec![0.0; count],
             linear: std::array::from_fn(|_| vec![0.0; count]),
-            offset: vec![0.0; count],
-            offset_variance: vec![0.0; count],
+            offset: Vec::new(),
+            offset_variance: Vec::new(),
             log_weights: vec![0.0; count],
             weights: vec![0.0; count],
             ess: count as f64,
@@ -71,6 +70,12 @@ impl<const K: usize> Cloud<K> {
         };
         cloud.equalise();
         cloud
+    }
+
+    /// Gives every particle a datum offset of zero.
+    pub fn add_offset(&mut self) {
+        self.offset = vec![0.0; self.len()];
+        self.offset_variance = vec![0.0; self.len()];
     }
 
     /// Number of particles.
@@ -133,18 +138,12 @@ impl<const K: usize> Cloud<K> {
     /// Effective sample size that [`Cloud::reweight`] would leave; 0 if it would refuse.
     #[must_use]
     pub fn ess_after(&self, log_likelihood: &[f64]) -> f64 {
-        let posterior = || log_likelihood.iter().zip(&self.log_weights).map(|(l, w)| l + w);
-        let top = posterior().fold(f64::NEG_INFINITY, f64::max);
-        if !top.is_finite() {
-            return 0.0;
-        }
-        let (mut sum, mut squares) = (0.0, 0.0);
-        for shifted in posterior().map(|l| l - top) {
-            let w = if shifted > -40.0 { exp(shifted) } else { 0.0 };
-            sum += w;
-            squares += w * w;
-        }
-        sum * sum / squares
+        weights::ess_after(&self.log_weights, log_likelihood)
+    }
+
+    /// Takes a column of [`Cloud::likelihood_column`] back unused.
+    pub fn put_back(&mut self, column: Vec<f64>) {
+        self.scratch.column = column;
     }
 
     /// Multiplies the weights by exp(log-likelihood) and normalises; takes the scratch column back.
@@ -227,6 +226,7 @@ impl<const K: usize> Cloud<K> {
         for column in [&mut self.east, &mut self.north, &mut self.offset, &mut self.offset_variance]
             .into_iter()
             .chain(&mut self.linear)
+            .filter(|column| column.len() == n)
         {
             gather(column, &mut s.column, &s.ancestors);
         }
@@ -250,8 +250,10 @@ impl<const K: usize> Cloud<K> {
         stream.normal_pairs(0, n0, n1);
         stream.normal_pairs(1, n2, n3);
         stream.normal_pairs(2, n4, n5);
-        stream.normal_pairs(3, &mut self.scratch.a, &mut self.scratch.b);
-        let extra = &self.scratch.a;
+        let extra = &mut self.scratch.a;
+        if K > 3 {
+            stream.normal_pairs(3, extra, &mut self.scratch.b);
+        }
         let (e, nn, b) = (&mut self.east[..], &mut self.north[..], &mut self.offset[..]);
         match self.linear.as_mut_slice() {
             [c0, c1] => liu_west(&mut [e, nn, b, c0, c1], h, &[n0, n1, n2, n3, n4]),

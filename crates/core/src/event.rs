@@ -152,8 +152,8 @@ impl Payload {
     pub fn validate(&self) -> Result<(), Error> {
         match self {
             Self::Motion { velocity_mps: [e, n] } => {
-                finite("motion east velocity, m/s", *e)?;
-                finite("motion north velocity, m/s", *n)?;
+                within("motion east velocity, m/s", *e, SPEED_MPS)?;
+                within("motion north velocity, m/s", *n, SPEED_MPS)?;
             }
             Self::Odometry { displacement_m: [f, l], yaw_change_rad, covariance } => {
                 finite("odometry forward displacement, m", *f)?;
@@ -168,11 +168,12 @@ impl Payload {
             }
             Self::WaterDepth { water_depth_m, sigma_m } => {
                 non_negative("water depth, m", *water_depth_m)?;
+                within("water depth, m", *water_depth_m, DISTANCE_M)?;
                 non_negative("water depth sigma, m", *sigma_m)?;
             }
             Self::Depth { depth_m, sigma_m } => {
                 // A depth sensor at the surface reads a little above it.
-                finite("depth, m", *depth_m)?;
+                within("depth, m", *depth_m, DISTANCE_M)?;
                 non_negative("depth sigma, m", *sigma_m)?;
             }
             Self::Heading { yaw_rad, sigma_rad } => {
@@ -189,8 +190,8 @@ impl Payload {
                 non_negative("ground velocity sigma, m/s", *sigma_mps)?;
             }
             Self::Fix { position_m: [e, n], covariance_m2 } => {
-                finite("fix east, m", *e)?;
-                finite("fix north, m", *n)?;
+                within("fix east, m", *e, DISTANCE_M)?;
+                within("fix north, m", *n, DISTANCE_M)?;
                 check_covariance("fix covariance, m²", *covariance_m2)?;
             }
             Self::AcousticFix { range_m, own_bearing_rad, peer_bearing_rad, .. } => {
@@ -205,7 +206,7 @@ impl Payload {
                 if toa_ns < tol_ns {
                     return Err(Error::OutOfBound {
                         quantity: "travel time (toa − tol), s",
-                        value: (toa_ns - tol_ns) as f64 * 1e-9,
+                        value: toa_ns.saturating_sub(*tol_ns) as f64 * 1e-9,
                         bound: "0 and above",
                     });
                 }
@@ -214,6 +215,20 @@ impl Payload {
         }
         Ok(())
     }
+}
+
+/// Faster than anything that swims, m/s: beyond it sums over a mission would lose their digits.
+const SPEED_MPS: (f64, &str) = (1e4, "-10,000 to 10,000");
+/// Further than around the Earth, m.
+const DISTANCE_M: (f64, &str) = (1e8, "-1e8 to 1e8");
+
+/// Refuses what is not finite or larger than any honest source would say.
+fn within(quantity: &'static str, value: f64, (limit, bound): (f64, &'static str)) -> Result<(), Error> {
+    finite(quantity, value)?;
+    if value.abs() > limit {
+        return Err(Error::OutOfBound { quantity, value, bound });
+    }
+    Ok(())
 }
 
 /// Refuses a covariance [xx, xy, yy] that is not finite or not positive semi-definite.

@@ -97,7 +97,7 @@ impl Mission {
             if o.toa_ns < o.tol_ns {
                 return Err(Error::OutOfBound {
                     quantity: "travel time (toa − tol), s",
-                    value: (o.toa_ns - o.tol_ns) as f64 * 1e-9,
+                    value: o.toa_ns.saturating_sub(o.tol_ns) as f64 * 1e-9,
                     bound: "0 and above",
                 });
             }

@@ -8,12 +8,13 @@ use numpy::{
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use uwcoop_core::kernels::likelihood::{self, OffsetModel, RangeBelief};
-use uwcoop_core::kernels::lookup::{self, Grid};
+use uwcoop_core::kernels::lookup::{self, Grid, Pattern};
 use uwcoop_core::kernels::particles;
 use uwcoop_core::kernels::weights;
 use uwcoop_core::mixture::fit;
 use uwcoop_core::packet::{Belief, BeliefPacket, Header, HeardBitmap, PacketKind};
 
+use crate::chart::Chart;
 use crate::errors::{argument, navigator};
 
 type Points<'py> = PyReadonlyArray2<'py, f64>;
@@ -206,6 +207,33 @@ fn terrain_log_likelihood<'py>(
     let mut out = vec![0.0; e.len()];
     likelihood::terrain_log_likelihood(&g, &e, &n, &offsets, &differences, sigma_m, missing, &mut out);
     Ok(out.into_pyarray(py))
+}
+
+/// Depths of (N, 2) positions plus each of (L, 2) offsets on the navigators' float32 path, (L, N) float32; a pattern that
+/// comes within two cells of the chart's edge is refused.
+#[pyfunction]
+fn pattern_depths<'py>(
+    py: Python<'py>,
+    chart: &Chart,
+    positions_m: Points<'py>,
+    offsets_m: Points<'py>,
+) -> PyResult<Bound<'py, PyArray2<f32>>> {
+    let [e, n] = columns(&positions_m, "positions_m")?;
+    let [oe, on] = columns(&offsets_m, "offsets_m")?;
+    let grid = chart.inner.grid();
+    let mut pattern = Pattern::default();
+    pattern.set(&grid, oe.iter().zip(&on).map(|(e, n)| [*e, *n]));
+    let mut out = vec![0.0f32; e.len() * oe.len()];
+    let inside = lookup::pattern_depths(&grid, &pattern, &e, &n, |first, count, k, depths| {
+        let at = k * e.len() + first;
+        out[at..at + count].copy_from_slice(&depths[..count]);
+    });
+    if !inside {
+        return Err(argument(
+            "positions_m plus offsets_m leave the chart or come within two cells of its edge".into(),
+        ));
+    }
+    out.into_pyarray(py).reshape([oe.len(), e.len()])
 }
 
 /// What `offset_update` returns, each (N,).
@@ -497,6 +525,7 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(bilinear_gradient, module)?)?;
     module.add_function(wrap_pyfunction!(propagate, module)?)?;
     module.add_function(wrap_pyfunction!(terrain_log_likelihood, module)?)?;
+    module.add_function(wrap_pyfunction!(pattern_depths, module)?)?;
     module.add_function(wrap_pyfunction!(offset_update, module)?)?;
     module.add_function(wrap_pyfunction!(range_log_likelihood, module)?)?;
     module.add_function(wrap_pyfunction!(normalize, module)?)?;

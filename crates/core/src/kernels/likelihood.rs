@@ -1,7 +1,8 @@
 //! Log-likelihoods of soundings and ranges, without 2π terms.
 
 use super::dispatch;
-use super::lookup::{Grid, Node, Pattern, bilinear, pattern_depths};
+use super::lookup::{Block, Grid, LANES, Node, Pattern, bilinear, pattern_blocks};
+use super::math::ln;
 
 /// Depth differences along a rigid segment (15), exact f64 path.
 ///
@@ -35,7 +36,7 @@ pub fn terrain_log_likelihood<T: Node>(
 }
 
 /// As [`terrain_log_likelihood`] with NaN for missing, on the f32 path. False, and nothing written, where the pattern
-/// does not fit the grid.
+/// does not fit the grid or has not one point more than there are differences.
 pub fn terrain_log_likelihood_fast(
     grid: &Grid<'_, f32>,
     pattern: &Pattern,
@@ -45,27 +46,41 @@ pub fn terrain_log_likelihood_fast(
     sigma_m: f64,
     out: &mut [f64],
 ) -> bool {
-    let inverse = 1.0 / sigma_m as f32;
-    let mut previous = [0.0f32; 16];
-    let mut sum = [0.0f32; 16];
-    let last = differences.len();
-    pattern_depths(grid, pattern, east, north, |first, count, k, depths| {
-        if k == 0 {
-            sum = [0.0; 16];
-        } else {
-            let difference = differences[k - 1] as f32;
-            for l in 0..16 {
-                let r = (difference - (depths[l] - previous[l])) * inverse;
+    pattern.len() == differences.len() + 1
+        && pattern_blocks(
+            grid,
+            pattern,
+            east,
+            north,
+            Differences { differences, inverse: 1.0 / sigma_m as f32, out },
+        )
+}
+
+/// Sums the squared misfits of depth differences, block by block.
+struct Differences<'a> {
+    differences: &'a [f64],
+    inverse: f32,
+    out: &'a mut [f64],
+}
+
+impl Block for Differences<'_> {
+    #[inline(always)]
+    fn take(&mut self, first: usize, count: usize, depths: impl Fn(usize) -> [f32; LANES]) {
+        let mut previous = depths(0);
+        let mut sum = [0.0f32; LANES];
+        for (k, difference) in self.differences.iter().enumerate() {
+            let here = depths(k + 1);
+            let difference = *difference as f32;
+            for l in 0..LANES {
+                let r = (difference - (here[l] - previous[l])) * self.inverse;
                 sum[l] += r * r;
             }
+            previous = here;
         }
-        previous = *depths;
-        if k == last {
-            for l in 0..count {
-                out[first + l] = -0.5 * f64::from(sum[l]);
-            }
+        for (out, sum) in self.out[first..first + count].iter_mut().zip(sum) {
+            *out = -0.5 * f64::from(sum);
         }
-    })
+    }
 }
 
 /// Second-order Gaussian range likelihood from a teammate's belief (mean, [ee, en, nn]) and a horizontal range.
@@ -105,7 +120,7 @@ dispatch! {
     pub fn add_range_gaussian(belief: &RangeBelief, temper: f64, east: &[f64], north: &[f64], out: &mut [f64]) {
         for ((&e, &n), out) in east.iter().zip(north).zip(out) {
             let (innovation, variance) = belief.innovation(e, n);
-            *out -= temper * 0.5 * (innovation * innovation / variance + super::math::ln(variance));
+            *out -= temper * 0.5 * (innovation * innovation / variance + ln(variance));
         }
     }
 }
@@ -142,16 +157,24 @@ dispatch! {
         north: &[f64],
         out: &mut [f64],
     ) {
-        const LANES: usize = 8;
+        const WIDE: usize = 8;
+        let m = sample_east.len().min(sample_north.len()).min(sample_weight.len());
+        let (se, se_rest) = sample_east[..m].as_chunks::<WIDE>();
+        let (sn, sn_rest) = sample_north[..m].as_chunks::<WIDE>();
+        let (sw, sw_rest) = sample_weight[..m].as_chunks::<WIDE>();
         for ((&e, &n), out) in east.iter().zip(north).zip(out) {
-            let mut sums = [0.0; LANES];
-            for ((se, sn), sw) in
-                sample_east.chunks(LANES).zip(sample_north.chunks(LANES)).zip(sample_weight.chunks(LANES))
-            {
-                for (((se, sn), sw), sum) in se.iter().zip(sn).zip(sw).zip(&mut sums) {
-                    let (de, dn) = (e - se, n - sn);
-                    *sum += sw * ((de * de + dn * dn).sqrt() - range_m).abs();
+            let term = |se: f64, sn: f64, sw: f64| {
+                let (de, dn) = (e - se, n - sn);
+                sw * ((de * de + dn * dn).sqrt() - range_m).abs()
+            };
+            let mut sums = [0.0; WIDE];
+            for ((se, sn), sw) in se.iter().zip(sn).zip(sw) {
+                for l in 0..WIDE {
+                    sums[l] += term(se[l], sn[l], sw[l]);
                 }
+            }
+            for (((se, sn), sw), sum) in se_rest.iter().zip(sn_rest).zip(sw_rest).zip(&mut sums) {
+                *sum += term(*se, *sn, *sw);
             }
             *out += sums.iter().sum::<f64>();
         }
@@ -178,19 +201,63 @@ impl OffsetModel {
         let noise = self.sigma_m * self.sigma_m + sigma_map_m * sigma_map_m;
         let s = offset_variance + noise;
         let squared = innovation * innovation;
+        // Both forms are computed and one is selected: the choice is common to all particles.
         let gaussian = self.dof == f64::INFINITY;
-        let log_likelihood = if gaussian {
-            -0.5 * squared / s - 0.5 * s.ln()
-        } else {
-            -0.5 * (self.dof + 1.0) * (squared / (self.dof * s)).ln_1p() - 0.5 * s.ln()
-        };
+        let dof = if gaussian { 1.0 } else { self.dof };
+        let tails = 0.5 * (dof + 1.0) * ln(1.0 + squared / (dof * s));
+        let log_likelihood = -(if gaussian { 0.5 * squared / s } else { tails }) - 0.5 * ln(s);
         let r = self.shared * noise;
-        let inflation = if gaussian {
-            1.0
-        } else {
-            ((self.dof + squared / (offset_variance + r)) / (self.dof + 1.0)).max(1.0)
-        };
+        let heavy = (dof + squared / (offset_variance + r)) / (dof + 1.0);
+        let inflation = if gaussian || heavy < 1.0 { 1.0 } else { heavy };
         let gain = offset_variance / (offset_variance + inflation * r);
         (log_likelihood / self.shared, gain * innovation, offset_variance * (1.0 - gain))
+    }
+}
+
+/// Columns of a sounding, all of the cloud's length.
+pub struct SoundingColumns<'a> {
+    /// Charted depth under each particle, m; NaN where there is none.
+    pub depth_m: &'a [f64],
+    /// Standard deviation of the chart there, m.
+    pub sigma_map_m: &'a [f64],
+    /// Datum offset, m.
+    pub offset_m: &'a [f64],
+    /// Its variance before the walk, m².
+    pub offset_variance_m2: &'a [f64],
+    /// Out: log-likelihood, NaN where there is no depth.
+    pub log_likelihood: &'a mut [f64],
+    /// Out: what to add to the offset, m; 0 where there is no depth.
+    pub correction_m: &'a mut [f64],
+    /// Out: the offset's new variance, m²; as it was where there is no depth.
+    pub variance_m2: &'a mut [f64],
+    /// Out: innovation, m; 0 where there is no depth.
+    pub innovation_m: &'a mut [f64],
+    /// Out: its variance, m²; 0 where there is no depth.
+    pub innovation_variance_m2: &'a mut [f64],
+}
+
+dispatch! {
+    /// [`OffsetModel::update`] of every particle with the sounding `water_depth_m` and the offset's walk `walk_m2`.
+    pub fn sounding_update(model: &OffsetModel, water_depth_m: f64, walk_m2: f64, columns: &mut SoundingColumns<'_>) {
+        let c = columns;
+        let n = c.depth_m.len();
+        let (depth, sigma) = (&c.depth_m[..n], &c.sigma_map_m[..n]);
+        let (offset, before) = (&c.offset_m[..n], &c.offset_variance_m2[..n]);
+        let (l, correction) = (&mut c.log_likelihood[..n], &mut c.correction_m[..n]);
+        let (variance, innovations) = (&mut c.variance_m2[..n], &mut c.innovation_m[..n]);
+        let spread = &mut c.innovation_variance_m2[..n];
+        for i in 0..n {
+            let known = !depth[i].is_nan();
+            let prior = before[i] + walk_m2;
+            let innovation = water_depth_m - depth[i] - offset[i];
+            let innovation = if known { innovation } else { 0.0 };
+            let (log_likelihood, step, after) = model.update(innovation, prior, sigma[i]);
+            l[i] = if known { log_likelihood } else { f64::NAN };
+            correction[i] = step;
+            variance[i] = if known { after } else { before[i] };
+            innovations[i] = innovation;
+            let s = prior + model.sigma_m * model.sigma_m + sigma[i] * sigma[i];
+            spread[i] = if known { s } else { 0.0 };
+        }
     }
 }

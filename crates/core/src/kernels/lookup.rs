@@ -113,7 +113,8 @@ impl Pattern {
             let (x, y) = (e / grid.cell_m, n / grid.cell_m);
             let (column, row) = (x.floor(), y.floor());
             self.points.push(PatternPoint {
-                shift: row as i32 * grid.cols as i32 + column as i32,
+                // Wraps only for offsets that no grid holds; `fits` refuses those.
+                shift: (row as i32).wrapping_mul(grid.cols as i32).wrapping_add(column as i32),
                 fe: (x - column) as f32,
                 fn_: (y - row) as f32,
             });
@@ -146,7 +147,8 @@ impl Pattern {
     }
 }
 
-const LANES: usize = 16;
+/// Particles of a block.
+pub const LANES: usize = 16;
 
 /// Cells and fractions of up to `LANES` particles.
 struct Cells {
@@ -155,11 +157,13 @@ struct Cells {
     fn_: [f32; LANES],
 }
 
-/// f64 → integer through the rounding trick (vectorises); `value` must be within ±2^31.
+/// f64 → integer through the rounding trick (vectorises, where `floor` is a call on the baseline); `value` must be
+/// within ±2^31.
 #[inline(always)]
 fn floor_split(value: f64) -> (i32, f64) {
     const ROUND: f64 = 6_755_399_441_055_744.0;
-    let floor = value.floor();
+    let nearest = (value + ROUND) - ROUND;
+    let floor = if nearest > value { nearest - 1.0 } else { nearest };
     ((floor + ROUND).to_bits() as i32, value - floor)
 }
 
@@ -220,10 +224,10 @@ mod avx2 {
     use super::{Cells, Grid, LANES, PatternPoint};
     use std::arch::x86_64::*;
 
-    /// As `point_depths`, eight particles at a time: two 8-byte gathers for each pair of rows.
+    /// As `super::point_depths`, eight particles at a time: one 8-byte load for each pair of nodes. Gathers cost twice.
     ///
     /// # Safety
-    /// The processor has AVX2, and the promise of `point_depths`.
+    /// The processor has AVX2, and the promise of `super::point_depths`.
     #[inline]
     #[target_feature(enable = "avx2")]
     pub(super) unsafe fn point_depths(
@@ -234,10 +238,9 @@ mod avx2 {
         let mut out = [0.0f32; LANES];
         let one = _mm256_set1_ps(1.0);
         let cols = _mm256_set1_epi32(grid.cols as i32);
-        let base = grid.values.as_ptr();
         for half in 0..LANES / 8 {
             let o = half * 8;
-            // SAFETY: loads and stores stay inside the arrays of LANES entries; gathers by the caller's promise.
+            // SAFETY: loads and stores stay inside the arrays of LANES entries; nodes by the caller's promise.
             unsafe {
                 let fe = _mm256_add_ps(_mm256_loadu_ps(cells.fe.as_ptr().add(o)), _mm256_set1_ps(point.fe));
                 let fn_ =
@@ -250,39 +253,93 @@ mod avx2 {
                 let index = _mm256_add_epi32(index, _mm256_set1_epi32(point.shift));
                 let index = _mm256_sub_epi32(index, _mm256_castps_si256(carry_e));
                 let index = _mm256_add_epi32(index, _mm256_and_si256(_mm256_castps_si256(carry_n), cols));
-                let (low, high) = (_mm256_castsi256_si128(index), _mm256_extracti128_si256::<1>(index));
-                let row = |rows: i32| {
-                    let start = base.add(rows as usize * grid.cols);
-                    let a = _mm256_castsi256_ps(_mm256_i32gather_epi64::<4>(start.cast(), low));
-                    let b = _mm256_castsi256_ps(_mm256_i32gather_epi64::<4>(start.cast(), high));
-                    // a = w0 e0 w1 e1 | w2 e2 w3 e3: split wests from easts, then mend the order of the 64-bit quarters.
-                    let west = _mm256_shuffle_ps::<0b10_00_10_00>(a, b);
-                    let east = _mm256_shuffle_ps::<0b11_01_11_01>(a, b);
-                    let mend =
-                        |v| _mm256_castpd_ps(_mm256_permute4x64_pd::<0b11_01_10_00>(_mm256_castps_pd(v)));
-                    let (west, east) = (mend(west), mend(east));
-                    _mm256_add_ps(west, _mm256_mul_ps(fe, _mm256_sub_ps(east, west)))
-                };
-                let (south, north) = (row(0), row(1));
+                let mut at = [0i32; 8];
+                _mm256_storeu_si256(at.as_mut_ptr().cast(), index);
+                let (south, north) = (row(grid, &at, 0, fe), row(grid, &at, grid.cols, fe));
                 let depth = _mm256_add_ps(south, _mm256_mul_ps(fn_, _mm256_sub_ps(north, south)));
                 _mm256_storeu_ps(out.as_mut_ptr().add(o), depth);
             }
         }
         out
     }
+
+    /// Depths between the western and eastern nodes of eight cells, `ahead` nodes after the cells' first.
+    ///
+    /// # Safety
+    /// The processor has AVX2; each `at + ahead` and the node after it are on the grid.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn row(grid: &Grid<'_, f32>, at: &[i32; 8], ahead: usize, fe: __m256) -> __m256 {
+        // SAFETY: the caller's promise, here and in the loads below.
+        let node = |l: usize| unsafe { grid.values.as_ptr().add(at[l] as usize + ahead) };
+        // [w e w e] of two neighbours in a half; halves so that one shuffle splits wests from easts in order.
+        let pair = |l: usize| unsafe {
+            let low = _mm_castpd_ps(_mm_load_sd(node(l).cast()));
+            load_high(low, node(l + 1))
+        };
+        let a = _mm256_set_m128(pair(4), pair(0));
+        let b = _mm256_set_m128(pair(6), pair(2));
+        let west = _mm256_shuffle_ps::<0b10_00_10_00>(a, b);
+        let east = _mm256_shuffle_ps::<0b11_01_11_01>(a, b);
+        _mm256_add_ps(west, _mm256_mul_ps(fe, _mm256_sub_ps(east, west)))
+    }
+
+    /// Two floats into the upper half.
+    ///
+    /// # Safety
+    /// `pointer` and the float after it can be read.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn load_high(low: __m128, pointer: *const f32) -> __m128 {
+        // SAFETY: the caller's promise; the load takes any alignment.
+        unsafe { _mm_castpd_ps(_mm_loadh_pd(_mm_castps_pd(low), pointer.cast())) }
+    }
+}
+
+/// What is done with the depths of a block of particles.
+///
+/// A trait and not a closure: methods can be inlined for sure, so that they are compiled for AVX2 with the lookups and
+/// keep their sums in registers.
+pub trait Block {
+    /// Takes the depths of the particles `first..first + count`; `depths(k)` looks up the pattern's k-th point for all of
+    /// them (k below the pattern's length; lanes from `count` on repeat the first particle).
+    fn take(&mut self, first: usize, count: usize, depths: impl Fn(usize) -> [f32; LANES]);
+}
+
+struct EachPoint<F> {
+    points: usize,
+    sink: F,
+}
+
+impl<F: FnMut(usize, usize, usize, &[f32; LANES])> Block for EachPoint<F> {
+    #[inline(always)]
+    fn take(&mut self, first: usize, count: usize, depths: impl Fn(usize) -> [f32; LANES]) {
+        for k in 0..self.points {
+            (self.sink)(first, count, k, &depths(k));
+        }
+    }
 }
 
 /// Depths of every pattern point of every particle, handed over in blocks: `sink(first, count, point, depths)`.
 ///
-/// The pattern must fit ([`Pattern::fits`]) for the bounds of the positions; this is checked.
-///
-/// Returns false, and calls nothing, where it does not.
+/// Returns false, and calls nothing, where the pattern does not fit ([`Pattern::fits`]).
 pub fn pattern_depths(
     grid: &Grid<'_, f32>,
     pattern: &Pattern,
     east_m: &[f64],
     north_m: &[f64],
-    mut sink: impl FnMut(usize, usize, usize, &[f32; 16]),
+    sink: impl FnMut(usize, usize, usize, &[f32; LANES]),
+) -> bool {
+    pattern_blocks(grid, pattern, east_m, north_m, EachPoint { points: pattern.len(), sink })
+}
+
+/// As [`pattern_depths`], block by block.
+pub fn pattern_blocks(
+    grid: &Grid<'_, f32>,
+    pattern: &Pattern,
+    east_m: &[f64],
+    north_m: &[f64],
+    block: impl Block,
 ) -> bool {
     let n = east_m.len().min(north_m.len());
     let Some((min, max)) = bounds(&east_m[..n], &north_m[..n]) else { return false };
@@ -290,49 +347,101 @@ pub fn pattern_depths(
         return false;
     }
     #[cfg(target_arch = "x86_64")]
-    let fast = std::arch::is_x86_feature_detected!("avx2");
-    let mut first = 0;
-    while first < n {
-        let count = LANES.min(n - first);
-        let cells = cells(grid, &east_m[first..first + count], &north_m[first..first + count]);
-        for (k, point) in pattern.points.iter().enumerate() {
-            // SAFETY: `fits` holds for the bounds of all positions, so every cell is on the grid with a margin of two
-            // cells (rounding of offsets and fractions moves a point by far less); AVX2 was detected.
-            let depths = unsafe {
-                #[cfg(target_arch = "x86_64")]
-                if fast {
-                    avx2::point_depths(grid, &cells, *point)
-                } else {
-                    point_depths(grid, &cells, *point)
-                }
-                #[cfg(not(target_arch = "x86_64"))]
-                point_depths(grid, &cells, *point)
-            };
-            sink(first, count, k, &depths);
-        }
-        first += count;
+    if super::level() >= super::Level::Avx2 {
+        // SAFETY: AVX2 was detected, and `fits` holds for the bounds of all positions.
+        unsafe { blocks_avx2(grid, pattern, &east_m[..n], &north_m[..n], block) };
+        return true;
     }
+    // SAFETY: as above.
+    unsafe { blocks(grid, pattern, &east_m[..n], &north_m[..n], block, |c, p| point_depths(grid, c, p)) };
     true
+}
+
+/// Every block of particles, with `depths` to look up one point of a block.
+///
+/// # Safety
+/// The pattern fits the grid for the bounds of all positions, so every cell is on the grid with a margin of two cells
+/// (rounding of offsets and fractions moves a point by far less). `depths` may rely on it.
+#[inline(always)]
+unsafe fn blocks(
+    grid: &Grid<'_, f32>,
+    pattern: &Pattern,
+    east_m: &[f64],
+    north_m: &[f64],
+    mut block: impl Block,
+    depths: impl Fn(&Cells, PatternPoint) -> [f32; LANES],
+) {
+    for (index, (e, n)) in east_m.chunks(LANES).zip(north_m.chunks(LANES)).enumerate() {
+        let cells = cells(grid, e, n);
+        block.take(index * LANES, e.len(), |k| depths(&cells, pattern.points[k]));
+    }
+}
+
+/// As `blocks`, compiled for AVX2.
+///
+/// # Safety
+/// The processor has AVX2, and the promise of `blocks`.
+#[cfg(target_arch = "x86_64")]
+#[target_feature(enable = "avx2")]
+unsafe fn blocks_avx2(
+    grid: &Grid<'_, f32>,
+    pattern: &Pattern,
+    east_m: &[f64],
+    north_m: &[f64],
+    block: impl Block,
+) {
+    // SAFETY: the caller's promise.
+    unsafe { blocks(grid, pattern, east_m, north_m, block, |c, p| avx2::point_depths(grid, c, p)) };
 }
 
 super::dispatch! {
     /// Bounds of positions, m: ((west, south), (east, north)); `None` for no positions or one that is not finite.
     pub fn bounds(east_m: &[f64], north_m: &[f64]) -> Option<([f64; 2], [f64; 2])> {
-        let mut low = [f64::INFINITY; 2];
-        let mut high = [f64::NEG_INFINITY; 2];
-        let mut finite = true;
-        for (&e, &n) in east_m.iter().zip(north_m) {
-            low[0] = if e < low[0] { e } else { low[0] };
-            high[0] = if e > high[0] { e } else { high[0] };
-            low[1] = if n < low[1] { n } else { low[1] };
-            high[1] = if n > high[1] { n } else { high[1] };
-            finite &= e.abs() + n.abs() < 1e15;
+        const WIDE: usize = 8;
+        let n = east_m.len().min(north_m.len());
+        let mut lanes = Lanes {
+            low: [[f64::INFINITY; WIDE]; 2],
+            high: [[f64::NEG_INFINITY; WIDE]; 2],
+            size: [0.0; WIDE],
+        };
+        let ((e, e_rest), (n_, n_rest)) = (east_m[..n].as_chunks::<WIDE>(), north_m[..n].as_chunks::<WIDE>());
+        for (e, n) in e.iter().zip(n_) {
+            for l in 0..WIDE {
+                lanes.take(l, e[l], n[l]);
+            }
         }
-        (finite && !east_m.is_empty()).then_some((low, high))
+        for (l, (e, n)) in e_rest.iter().zip(n_rest).enumerate() {
+            lanes.take(l, *e, *n);
+        }
+        let low = lanes.low.map(|l| l.into_iter().fold(f64::INFINITY, f64::min));
+        let high = lanes.high.map(|l| l.into_iter().fold(f64::NEG_INFINITY, f64::max));
+        // A sum keeps a NaN and an infinity, and is finite for anything that a chart could hold.
+        let finite = lanes.size.iter().sum::<f64>() < 1e300;
+        (finite && n > 0).then_some((low, high))
+    }
+}
+
+/// Running bounds in eight lanes.
+struct Lanes {
+    low: [[f64; 8]; 2],
+    high: [[f64; 8]; 2],
+    size: [f64; 8],
+}
+
+impl Lanes {
+    #[inline(always)]
+    fn take(&mut self, l: usize, e: f64, n: f64) {
+        for (axis, x) in [e, n].into_iter().enumerate() {
+            let (low, high) = (self.low[axis][l], self.high[axis][l]);
+            self.low[axis][l] = if x < low { x } else { low };
+            self.high[axis][l] = if x > high { x } else { high };
+        }
+        self.size[l] += e.abs() + n.abs();
     }
 }
 
 #[cfg(test)]
+#[allow(clippy::panic, reason = "tests fail by panicking")]
 mod tests {
     use super::*;
     use proptest::prelude::*;

@@ -122,11 +122,12 @@ pub fn roughen(
     b: &[f64],
 ) {
     let sigma = variance_m2.sqrt();
-    for (i, &parent) in ancestors.iter().enumerate() {
-        if counts[parent as usize] > 1 {
-            east[i] += sigma * a[i];
-            north[i] += sigma * b[i];
-        }
+    let moved = east.iter_mut().zip(north).zip(a.iter().zip(b)).zip(ancestors);
+    for (((e, n), (a, b)), &parent) in moved {
+        // A factor, not a branch: which particles have copies cannot be predicted.
+        let sigma = sigma * f64::from(u8::from(counts[parent as usize] > 1));
+        *e += sigma * a;
+        *n += sigma * b;
     }
 }
 
@@ -147,38 +148,68 @@ pub fn liu_west_bandwidth(particles: usize) -> f64 {
 /// Largest joint state that Liu–West moves: position, offset, linear states.
 pub const MAX_JOINT: usize = 3 + MAX_LINEAR;
 
-/// Liu–West on equally weighted columns: x ← μ + √(1−h²)(x − μ) + h chol(C) n, with C the cloud's own covariance.
-///
-/// `normals` holds one slice for each column. A column without spread stays as it is.
-pub fn liu_west<const D: usize>(columns: &mut [&mut [f64]; D], bandwidth: f64, normals: &[&[f64]; D]) {
-    let count = columns.first().map_or(0, |c| c.len());
-    if count == 0 {
-        return;
-    }
-    let inverse = 1.0 / count as f64;
-    let mean: [f64; D] = std::array::from_fn(|d| columns[d].iter().sum::<f64>() * inverse);
-    let mut covariance = SMatrix::<f64, D, D>::zeros();
-    for r in 0..D {
-        for c in 0..=r {
-            let sum: f64 =
-                columns[r].iter().zip(columns[c].iter()).map(|(x, y)| (x - mean[r]) * (y - mean[c])).sum();
-            covariance[(r, c)] = sum * inverse;
-            covariance[(c, r)] = covariance[(r, c)];
+dispatch! {
+    /// Liu–West on equally weighted columns: x ← μ + √(1−h²)(x − μ) + h chol(C) n, with C the cloud's own covariance.
+    ///
+    /// `normals` holds one slice for each column. A column without spread stays as it is.
+    pub fn liu_west<const D: usize>(columns: &mut [&mut [f64]; D], bandwidth: f64, normals: &[&[f64]; D]) {
+        let count = columns.iter().map(|c| c.len()).chain(normals.iter().map(|n| n.len())).min().unwrap_or(0);
+        if count == 0 {
+            return;
         }
-    }
-    // A trace of jitter keeps the factor defined where columns are linearly dependent.
-    for d in 0..D {
-        covariance[(d, d)] += 1e-9 * covariance[(d, d)] + 1e-14;
-    }
-    let Some(root) = covariance.cholesky().map(|c| c.l()) else { return };
-    let shrink = (1.0 - bandwidth * bandwidth).sqrt();
-    for i in 0..count {
-        for d in (0..D).rev() {
-            let mut jitter = 0.0;
-            for k in 0..=d {
-                jitter += root[(d, k)] * normals[k][i];
+        let inverse = 1.0 / count as f64;
+        let mean: [f64; D] = std::array::from_fn(|d| sum(&columns[d][..count]) * inverse);
+        let mut covariance = SMatrix::<f64, D, D>::zeros();
+        for r in 0..D {
+            for c in 0..=r {
+                let products = product_sum(&columns[r][..count], mean[r], &columns[c][..count], mean[c]);
+                covariance[(r, c)] = products * inverse;
+                covariance[(c, r)] = covariance[(r, c)];
             }
-            columns[d][i] = mean[d] + shrink * (columns[d][i] - mean[d]) + bandwidth * jitter;
+        }
+        // A trace of jitter keeps the factor defined where columns are linearly dependent.
+        for d in 0..D {
+            covariance[(d, d)] += 1e-9 * covariance[(d, d)] + 1e-14;
+        }
+        let Some(root) = covariance.cholesky().map(|c| c.l()) else { return };
+        let shrink = (1.0 - bandwidth * bandwidth).sqrt();
+        for d in 0..D {
+            let (column, mean) = (&mut columns[d][..count], mean[d]);
+            for x in &mut *column {
+                *x = mean + shrink * (*x - mean);
+            }
+            for k in 0..=d {
+                let factor = bandwidth * root[(d, k)];
+                for (x, n) in column.iter_mut().zip(normals[k]) {
+                    *x += factor * n;
+                }
+            }
         }
     }
+}
+
+/// Σ x in eight interleaved lanes: vectorises, and its order depends on the length alone.
+#[inline(always)]
+fn sum(x: &[f64]) -> f64 {
+    let (whole, rest) = x.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for x in whole {
+        for l in 0..8 {
+            sums[l] += x[l];
+        }
+    }
+    sums.iter().sum::<f64>() + rest.iter().sum::<f64>()
+}
+
+/// Σ (x − mx)(y − my), likewise.
+#[inline(always)]
+fn product_sum(x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
+    let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<8>(), y.as_chunks::<8>());
+    let mut sums = [0.0; 8];
+    for (x, y) in x.iter().zip(y) {
+        for l in 0..8 {
+            sums[l] += (x[l] - mx) * (y[l] - my);
+        }
+    }
+    sums.iter().sum::<f64>() + x_rest.iter().zip(y_rest).map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
 }

@@ -16,39 +16,100 @@ dispatch! {
     ///
     /// If no log-weight is finite, nothing changes and `None` is returned. A NaN counts as −∞.
     pub fn normalise(log_weights: &mut [f64], weights: &mut [f64]) -> Option<(f64, f64)> {
+        let n = log_weights.len().min(weights.len());
+        let (log_weights, weights) = (&mut log_weights[..n], &mut weights[..n]);
         let mut max = [f64::NEG_INFINITY; LANES];
-        for chunk in log_weights.chunks(LANES) {
-            for (m, &x) in max.iter_mut().zip(chunk) {
-                *m = if x > *m { x } else { *m };
+        let (whole, rest) = log_weights.as_chunks::<LANES>();
+        for x in whole {
+            for l in 0..LANES {
+                max[l] = if x[l] > max[l] { x[l] } else { max[l] };
             }
+        }
+        for (m, &x) in max.iter_mut().zip(rest) {
+            *m = if x > *m { x } else { *m };
         }
         let top = max.iter().fold(f64::NEG_INFINITY, |a, &b| if b > a { b } else { a });
         if !top.is_finite() {
             return None;
         }
-        let mut sums = [0.0; LANES];
-        for (w, x) in weights.chunks_mut(LANES).zip(log_weights.chunks(LANES)) {
-            for ((w, &x), s) in w.iter_mut().zip(x).zip(&mut sums) {
-                let shifted = x - top;
-                // NaN fails the comparison as well and gets no weight.
-                let value = if shifted > -700.0 { exp(shifted) } else { 0.0 };
-                *w = value;
-                *s += value;
-            }
+        // Maps first and sums after: each loop vectorises alone.
+        for (w, &x) in weights.iter_mut().zip(&*log_weights) {
+            let shifted = x - top;
+            let value = exp(shifted);
+            // NaN fails the comparison as well and gets no weight.
+            *w = if shifted > -700.0 { value } else { 0.0 };
         }
-        let total = lane_sum(sums);
+        let total = chunk_sum(weights, |w| w);
         let inverse = 1.0 / total;
         let log_total = top + total.ln();
-        let mut squares = [0.0; LANES];
-        for (w, x) in weights.chunks_mut(LANES).zip(log_weights.chunks_mut(LANES)) {
-            for ((w, x), s) in w.iter_mut().zip(x).zip(&mut squares) {
-                *w *= inverse;
-                let log_weight = *x - log_total;
-                *x = if log_weight > -1e300 { log_weight } else { -1e300 };
-                *s += *w * *w;
+        for (w, x) in weights.iter_mut().zip(&mut *log_weights) {
+            *w *= inverse;
+            let log_weight = *x - log_total;
+            *x = if log_weight > -1e300 { log_weight } else { -1e300 };
+        }
+        Some((log_total, chunk_sum(weights, |w| w * w)))
+    }
+}
+
+dispatch! {
+    /// Of the particles whose log-likelihood is not NaN: the greatest log-likelihood (−∞ for none) and their weight.
+    pub fn known_share(log_likelihood: &[f64], weights: &[f64]) -> (f64, f64) {
+        let n = log_likelihood.len().min(weights.len());
+        let (l, l_rest) = log_likelihood[..n].as_chunks::<LANES>();
+        let (w, w_rest) = weights[..n].as_chunks::<LANES>();
+        let (mut top, mut share) = ([f64::NEG_INFINITY; LANES], [0.0; LANES]);
+        for (l, w) in l.iter().zip(w) {
+            for k in 0..LANES {
+                top[k] = if l[k] > top[k] { l[k] } else { top[k] };
+                share[k] += if l[k].is_nan() { 0.0 } else { w[k] };
             }
         }
-        Some((log_total, lane_sum(squares)))
+        for (k, (l, w)) in l_rest.iter().zip(w_rest).enumerate() {
+            top[k] = if *l > top[k] { *l } else { top[k] };
+            share[k] += if l.is_nan() { 0.0 } else { *w };
+        }
+        (top.into_iter().fold(f64::NEG_INFINITY, f64::max), lane_sum(share))
+    }
+}
+
+/// Σ f(x) in eight interleaved lanes.
+#[inline(always)]
+fn chunk_sum(values: &[f64], f: impl Fn(f64) -> f64) -> f64 {
+    let (whole, rest) = values.as_chunks::<LANES>();
+    let mut sums = [0.0; LANES];
+    for x in whole {
+        for l in 0..LANES {
+            sums[l] += f(x[l]);
+        }
+    }
+    for (s, x) in sums.iter_mut().zip(rest) {
+        *s += f(*x);
+    }
+    lane_sum(sums)
+}
+
+dispatch! {
+    /// Effective sample size of the weights exp(a + b), not normalised; 0 if none is finite.
+    pub fn ess_after(a: &[f64], b: &[f64]) -> f64 {
+        let mut top = f64::NEG_INFINITY;
+        for (a, b) in a.iter().zip(b) {
+            let sum = a + b;
+            top = if sum > top { sum } else { top };
+        }
+        if !top.is_finite() {
+            return 0.0;
+        }
+        let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
+        for (a, b) in a.chunks(LANES).zip(b.chunks(LANES)) {
+            for (((a, b), sum), square) in a.iter().zip(b).zip(&mut sums).zip(&mut squares) {
+                let shifted = a + b - top;
+                let w = if shifted > -40.0 { exp(shifted) } else { 0.0 };
+                *sum += w;
+                *square += w * w;
+            }
+        }
+        let sum = lane_sum(sums);
+        sum * sum / lane_sum(squares)
     }
 }
 
@@ -61,11 +122,16 @@ pub fn effective_sample_size(weights: &[f64]) -> f64 {
 dispatch! {
     /// Σ w x of one column.
     pub fn weighted_mean(weights: &[f64], x: &[f64]) -> f64 {
+        let n = weights.len().min(x.len());
+        let ((w, w_rest), (x, x_rest)) = (weights[..n].as_chunks::<LANES>(), x[..n].as_chunks::<LANES>());
         let mut sums = [0.0; LANES];
-        for (w, x) in weights.chunks(LANES).zip(x.chunks(LANES)) {
-            for ((w, x), s) in w.iter().zip(x).zip(&mut sums) {
-                *s += w * x;
+        for (w, x) in w.iter().zip(x) {
+            for l in 0..LANES {
+                sums[l] += w[l] * x[l];
             }
+        }
+        for ((w, x), s) in w_rest.iter().zip(x_rest).zip(&mut sums) {
+            *s += w * x;
         }
         lane_sum(sums)
     }
@@ -74,11 +140,17 @@ dispatch! {
 dispatch! {
     /// Σ w (x − mx)(y − my) of two columns.
     pub fn weighted_covariance(weights: &[f64], x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
+        let n = weights.len().min(x.len()).min(y.len());
+        let (w, w_rest) = weights[..n].as_chunks::<LANES>();
+        let ((x, x_rest), (y, y_rest)) = (x[..n].as_chunks::<LANES>(), y[..n].as_chunks::<LANES>());
         let mut sums = [0.0; LANES];
-        for ((w, x), y) in weights.chunks(LANES).zip(x.chunks(LANES)).zip(y.chunks(LANES)) {
-            for (((w, x), y), s) in w.iter().zip(x).zip(y).zip(&mut sums) {
-                *s += w * (x - mx) * (y - my);
+        for ((w, x), y) in w.iter().zip(x).zip(y) {
+            for l in 0..LANES {
+                sums[l] += w[l] * (x[l] - mx) * (y[l] - my);
             }
+        }
+        for (((w, x), y), s) in w_rest.iter().zip(x_rest).zip(y_rest).zip(&mut sums) {
+            *s += w * (x - mx) * (y - my);
         }
         lane_sum(sums)
     }
@@ -131,22 +203,60 @@ pub fn residual_resample(
     let mut total = 0.0;
     for ((&w, cdf), count) in weights.iter().zip(&mut *residual_cdf).zip(&mut *counts) {
         let expected = n as f64 * w;
-        let copies = expected.floor();
-        *count = copies as u32;
+        // Truncation is the floor of what is not negative, without a call.
+        let copies = expected as u32;
+        *count = copies;
         taken += copies as usize;
-        total += expected - copies;
+        total += expected - f64::from(copies);
         *cdf = total;
     }
+    guide(residual_cdf, n as f64 / total, ancestors);
     for u in uniforms.iter().take(n.saturating_sub(taken)) {
         let target = u * total;
-        let index = residual_cdf.partition_point(|&c| c <= target).min(n - 1);
+        // The least index whose cumulative weight is above the target, from where the guide says it can begin.
+        let bucket = (target * (n as f64 / total)) as usize;
+        let mut index = ancestors[bucket.min(n - 1)] as usize;
+        while index < n - 1 && residual_cdf[index] <= target {
+            index += 1;
+        }
         counts[index] += 1;
     }
-    let mut slots = ancestors.iter_mut();
-    for (i, &count) in counts.iter().enumerate() {
-        for slot in slots.by_ref().take(count as usize) {
-            *slot = i as u32;
+    spread_ancestors(counts, ancestors);
+}
+
+/// `guide[k]`: how many cumulative weights, scaled to 0 to N, have a whole part below k (at most N − 1).
+///
+/// Scaling keeps the order, so a target whose own whole part is k lies above all of them.
+fn guide(cdf: &[f64], scale: f64, guide: &mut [u32]) {
+    guide.fill(0);
+    for c in cdf {
+        if let Some(next) = guide.get_mut((c * scale) as usize + 1) {
+            *next += 1;
         }
+    }
+    let (mut below, last) = (0, (cdf.len() - 1) as u32);
+    for g in guide {
+        below += *g;
+        *g = below.min(last);
+    }
+}
+
+/// `counts[i]` times i, ascending.
+fn spread_ancestors(counts: &[u32], ancestors: &mut [u32]) {
+    /// Most particles have no more copies: all are written, the next particle overwrites what is too much.
+    const MOST: usize = 4;
+    let mut at = 0;
+    for (i, &count) in counts.iter().enumerate() {
+        let end = (at + count as usize).min(ancestors.len());
+        if let Some(slots) = ancestors.get_mut(at..at + MOST) {
+            slots.fill(i as u32);
+            if end > at + MOST {
+                ancestors[at + MOST..end].fill(i as u32);
+            }
+        } else {
+            ancestors[at..end].fill(i as u32);
+        }
+        at = end;
     }
 }
 
@@ -188,6 +298,28 @@ mod tests {
                 // A weight of nothing may only be drawn where rounding left the last residual slot over.
                 prop_assert!(w[i] > 0.0 || counts[i] == 0 || i == n - 1);
             }
+        }
+
+        #[test]
+        fn the_guide_finds_what_a_search_finds(
+            raw in prop::collection::vec(prop_oneof![Just(0.0), 1e-12..1.0f64, Just(3.0), Just(1e-3)], 1..300),
+            seed: u64,
+        ) {
+            prop_assume!(raw.iter().sum::<f64>() > 0.0);
+            let (w, n) = (normalised(&raw), raw.len());
+            let mut u = vec![0.0; n];
+            Streams::new(seed, 0).at(Purpose::Resample, 0).uniforms(0, &mut u);
+            let (mut expected, mut cdf, mut total) = (vec![0u32; n], Vec::new(), 0.0);
+            for (count, w) in expected.iter_mut().zip(&w) {
+                *count = (n as f64 * w).floor() as u32;
+                total += n as f64 * w - f64::from(*count);
+                cdf.push(total);
+            }
+            let left = n - expected.iter().sum::<u32>() as usize;
+            for u in &u[..left] {
+                expected[cdf.partition_point(|c| *c <= u * total).min(n - 1)] += 1;
+            }
+            prop_assert_eq!(resample(&w, &u).0, expected);
         }
 
         #[test]

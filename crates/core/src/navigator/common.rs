@@ -11,7 +11,7 @@ use crate::cloud::Cloud;
 use crate::error::{Error, non_negative};
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::particles::{MAX_LINEAR, displacement_map, prepare_step, propagate};
-use crate::kernels::weights::weighted_covariance;
+use crate::kernels::weights::{known_share, weighted_covariance};
 use crate::link::{ReceiveWindow, Sequencer, range_m, slant_to_horizontal};
 use crate::noise::{Purpose, Stream, Streams};
 use crate::packet::{
@@ -171,18 +171,22 @@ impl Radio {
             own,
             depth_m: 0.0,
             sequencer: Sequencer::default(),
-            windows: vec![ReceiveWindow::default(); vehicles],
+            // Not `vec![…; n]`: clones of an empty window have no memory of their own yet.
+            windows: (0..vehicles).map(|_| ReceiveWindow::new()).collect(),
             heard: HeardBitmap::default(),
             sound_speed_mps,
         })
     }
 
-    /// Refuses an event of a sender that the team does not have, before anything changes.
+    /// Refuses an event of a sender that the team does not have, or that is this vehicle, before anything changes.
     ///
     /// # Errors
-    /// [`Error::UnknownVehicle`].
+    /// [`Error::UnknownVehicle`], [`Error::WrongVehicle`].
     pub fn check_sender(&self, payload: &Payload) -> Result<(), Error> {
         match payload {
+            Payload::Reception { sender, .. } if *sender == self.own => {
+                Err(Error::WrongVehicle { event: *sender, own: self.own })
+            }
             Payload::Reception { sender, .. } if usize::from(*sender) >= self.windows.len() => {
                 Err(Error::UnknownVehicle { vehicle: *sender, count: self.windows.len() })
             }
@@ -387,7 +391,7 @@ impl<const K: usize> ParticleCore<K> {
             self.trajectory = Some(Trajectory::new(t_ns));
             return;
         };
-        let dt_s = seconds(t_ns - trajectory.now_ns());
+        let dt_s = seconds(t_ns.saturating_sub(trajectory.now_ns()));
         if dt_s <= 0.0 {
             return;
         }
@@ -469,13 +473,7 @@ impl<const K: usize> ParticleCore<K> {
     /// False, and `OffChart`, if those hold too little of the weight: the sounding must not be used then.
     pub fn fill_holes(&mut self, log_likelihood: &mut [f64]) -> bool {
         let weights = self.cloud.weights();
-        let (mut top, mut share) = (f64::NEG_INFINITY, 0.0);
-        for (l, w) in log_likelihood.iter().zip(weights) {
-            if !l.is_nan() {
-                share += w;
-                top = top.max(*l);
-            }
-        }
+        let (top, share) = known_share(log_likelihood, weights);
         if share < CHART_SHARE || !top.is_finite() {
             self.status = Status::OffChart;
             return false;
@@ -511,7 +509,7 @@ impl<const K: usize> ParticleCore<K> {
         estimate.ess = Some(self.cloud.ess());
         estimate.mean_m = mean;
         estimate.covariance_m2 = covariance;
-        let dt_s = seconds(t_ns - trajectory.now_ns());
+        let dt_s = seconds(t_ns.saturating_sub(trajectory.now_ns()));
         if dt_s < 0.0 {
             if let Some(back) = trajectory.since(t_ns) {
                 estimate.mean_m = [mean[0] - back[0], mean[1] - back[1]];

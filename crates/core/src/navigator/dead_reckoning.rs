@@ -64,10 +64,12 @@ impl DeadReckoning {
         mean[0] += self.core.velocity_mps[0] * dt_s;
         mean[1] += self.core.velocity_mps[1] * dt_s;
         let mut covariance = transition * self.core.covariance * transition.transpose();
-        let walk = self.drift.position_walk(dt_s);
+        // Looking back, what has happened since is not taken away again: a covariance stays one.
+        let walked_s = dt_s.max(0.0);
+        let walk = self.drift.position_walk(walked_s);
         covariance[(0, 0)] += walk[0];
         covariance[(1, 1)] += walk[2];
-        let linear = self.drift.walk::<4>(dt_s);
+        let linear = self.drift.walk::<4>(walked_s);
         for k in 0..4 {
             covariance[(2 + k, 2 + k)] += linear[(k, k)];
         }
@@ -78,7 +80,7 @@ impl DeadReckoning {
         if let (true, Some(now_ns)) = (self.core.started, self.core.now_ns)
             && t_ns > now_ns
         {
-            (self.core.mean, self.core.covariance) = self.predicted(seconds(t_ns - now_ns));
+            (self.core.mean, self.core.covariance) = self.predicted(seconds(t_ns.saturating_sub(now_ns)));
         }
         self.core.now_ns = Some(t_ns);
     }
@@ -103,7 +105,14 @@ impl DeadReckoning {
         };
         let gain = cross * inverse;
         core.mean += gain * (Vector2::from(position_m) - core.mean.fixed_rows::<2>(0));
-        let updated = core.covariance - gain * cross.transpose();
+        // Joseph's form: a sum of squares, which rounding cannot take below zero.
+        let mut keep = Covariance::identity();
+        for row in 0..D {
+            for axis in 0..2 {
+                keep[(row, axis)] -= gain[(row, axis)];
+            }
+        }
+        let updated = keep * core.covariance * keep.transpose() + gain * noise * gain.transpose();
         core.covariance = (updated + updated.transpose()) * 0.5;
         Outcome::Fused
     }
@@ -131,7 +140,7 @@ impl Navigator for DeadReckoning {
         let core = &self.core;
         let (mean, covariance, status) = match (core.started, core.now_ns) {
             (true, Some(now_ns)) => {
-                let (mean, covariance) = self.predicted(seconds(t_ns - now_ns));
+                let (mean, covariance) = self.predicted(seconds(t_ns.saturating_sub(now_ns)));
                 (
                     [mean[0], mean[1]],
                     [covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]],

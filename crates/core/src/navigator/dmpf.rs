@@ -150,7 +150,12 @@ impl Dmpf {
 
         let mut column = core.cloud.likelihood_column();
         scratch.terrain(chart, &core.cloud.east, &core.cloud.north, self.options.sigma_like_m, &mut column);
-        if !core.fill_holes(&mut column) || !core.cloud.reweight(column) {
+        if !core.fill_holes(&mut column) {
+            core.cloud.put_back(column);
+            core.rejected += 1;
+            return Outcome::Gated;
+        }
+        if !core.cloud.reweight(column) {
             core.rejected += 1;
             return Outcome::Gated;
         }

@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 use super::common::{Drift, ParticleCore, Radio, check_event, load, save, seconds};
 use super::range::RangeOptions;
 use super::{Estimate, Navigator, Outcome, Particles};
-use crate::chart::Chart;
+use crate::chart::{Chart, SigmaMap};
 use crate::cloud::Cloud;
 use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
-use crate::kernels::likelihood::OffsetModel;
+use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
 use crate::kernels::lookup::{Pattern, bilinear, pattern_depths};
+use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
 use crate::noise::{Purpose, Streams};
 use crate::packet::PacketKind;
 
@@ -105,8 +106,11 @@ struct State<const K: usize> {
 struct Scratch {
     here: Pattern,
     depth: Vec<f64>,
+    sigma_map: Vec<f64>,
     correction: Vec<f64>,
     variance: Vec<f64>,
+    innovation: Vec<f64>,
+    innovation_variance: Vec<f64>,
 }
 
 impl<const K: usize> Mpf<K> {
@@ -123,12 +127,14 @@ impl<const K: usize> Mpf<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         options.validate()?;
+        let mut core = ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?;
+        core.cloud.add_offset();
         Ok(Self {
             own,
             options,
             chart,
             state: State {
-                core: ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?,
+                core,
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
                 sounded_at_m: None,
                 health: 1.0,
@@ -143,6 +149,15 @@ impl<const K: usize> Mpf<K> {
     #[must_use]
     pub fn alarms(&self) -> u64 {
         self.state.alarms
+    }
+
+    /// Mean and variance of the datum offset (tide), m and m²; positive = deeper than the chart.
+    #[must_use]
+    pub fn datum_offset(&self) -> (f64, f64) {
+        let cloud = &self.state.core.cloud;
+        let (w, b) = (cloud.weights(), &cloud.offset);
+        let mean = weighted_mean(w, b);
+        (mean, weighted_mean(w, &cloud.offset_variance) + weighted_covariance(w, b, mean, b, mean))
     }
 
     fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
@@ -175,15 +190,18 @@ impl<const K: usize> Mpf<K> {
             dof: self.options.student_dof,
         };
 
-        self.scratch.look_up(chart, &core.cloud.east, &core.cloud.north);
+        let scratch = &mut self.scratch;
+        scratch.look_up(chart, &core.cloud.east, &core.cloud.north);
+        scratch.sigma_map(self.options.sigma_map_m, chart, &core.cloud.east, &core.cloud.north);
+        let q = self.options.sigma_offset_m_per_sounding.powi(2);
         let mut column = core.cloud.likelihood_column();
         let mut health = None;
         for _ in 0..=SOFTENINGS {
-            let cloud = &core.cloud;
-            let found = self.scratch.weigh(&self.options, &model, chart, cloud, water_depth_m, &mut column);
+            scratch.weigh(&model, &core.cloud, water_depth_m, q, &mut column);
             // Health is judged by the noise that the sensor states, before anything is softened.
-            health.get_or_insert(found);
+            health.get_or_insert_with(|| scratch.health(&column, core.cloud.weights()));
             if !core.fill_holes(&mut column) {
+                core.cloud.put_back(column);
                 core.rejected += 1;
                 return Outcome::Gated;
             }
@@ -198,7 +216,7 @@ impl<const K: usize> Mpf<K> {
         }
         core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
         core.cloud.reweight(column);
-        if !self.watch(health.map_or(0.0, |h| h.statistic())) {
+        if !self.watch(health.unwrap_or(0.0)) {
             self.resample();
         }
         Outcome::Fused
@@ -287,41 +305,60 @@ impl Scratch {
     /// Log-likelihood of one sounding for each particle (NaN without a depth) and the offsets that would follow.
     fn weigh<const K: usize>(
         &mut self,
-        options: &MpfOptions,
         model: &OffsetModel,
-        chart: &Chart,
         cloud: &Cloud<K>,
         water_depth_m: f64,
+        q_offset_m2: f64,
         column: &mut [f64],
-    ) -> Health {
-        let q = options.sigma_offset_m_per_sounding.powi(2);
-        let mut health = Health::default();
-        for (i, log_likelihood) in column.iter_mut().enumerate() {
-            let depth = self.depth[i];
-            if depth.is_nan() {
-                *log_likelihood = f64::NAN;
-                self.correction[i] = 0.0;
-                self.variance[i] = cloud.offset_variance[i];
-                continue;
+    ) {
+        let mut columns = SoundingColumns {
+            depth_m: &self.depth,
+            sigma_map_m: &self.sigma_map,
+            offset_m: &cloud.offset,
+            offset_variance_m2: &cloud.offset_variance,
+            log_likelihood: column,
+            correction_m: &mut self.correction,
+            variance_m2: &mut self.variance,
+            innovation_m: &mut self.innovation,
+            innovation_variance_m2: &mut self.innovation_variance,
+        };
+        sounding_update(model, water_depth_m, q_offset_m2, &mut columns);
+    }
+
+    /// Standard deviation of the chart under each particle.
+    fn sigma_map(&mut self, fixed_m: Option<f64>, chart: &Chart, east: &[f64], north: &[f64]) {
+        match (fixed_m, chart.sigma_map()) {
+            (Some(sigma), _) | (None, &SigmaMap::Uniform(sigma)) => self.sigma_map.fill(sigma),
+            (None, SigmaMap::PerNode { .. }) => {
+                for ((out, e), n) in self.sigma_map.iter_mut().zip(east).zip(north) {
+                    *out = chart.sigma_map_at(*e, *n);
+                }
             }
-            let prior = cloud.offset_variance[i] + q;
-            let sigma_map_m =
-                options.sigma_map_m.unwrap_or_else(|| chart.sigma_map_at(cloud.east[i], cloud.north[i]));
-            let innovation = water_depth_m - depth - cloud.offset[i];
-            let (l, correction, variance) = model.update(innovation, prior, sigma_map_m);
-            *log_likelihood = l;
-            self.correction[i] = correction;
-            self.variance[i] = variance;
-            let s = prior + model.sigma_m * model.sigma_m + sigma_map_m * sigma_map_m;
-            health.add(cloud.weights()[i], innovation, s);
         }
-        health
+    }
+
+    /// ν̄² / (S + Var_w(h + b)) over the particles that have a chart.
+    fn health(&self, log_likelihood: &[f64], weights: &[f64]) -> f64 {
+        let (_, share) = known_share(log_likelihood, weights);
+        // Innovation and its variance are zero for the others.
+        let mean = weighted_mean(weights, &self.innovation) / share;
+        let square = weighted_covariance(weights, &self.innovation, 0.0, &self.innovation, 0.0) / share;
+        let spread = (square - mean * mean).max(0.0);
+        let statistic = mean * mean / (weighted_mean(weights, &self.innovation_variance) / share + spread);
+        if statistic.is_finite() { statistic } else { 0.0 }
     }
 
     /// Depth under each particle, NaN where there is none.
     fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
         let n = east.len();
-        for column in [&mut self.depth, &mut self.correction, &mut self.variance] {
+        for column in [
+            &mut self.depth,
+            &mut self.sigma_map,
+            &mut self.correction,
+            &mut self.variance,
+            &mut self.innovation,
+            &mut self.innovation_variance,
+        ] {
             column.resize(n, 0.0);
         }
         let grid = chart.grid();
@@ -343,31 +380,6 @@ impl Scratch {
 /// Whether enough particles would keep weight; a sounding that leaves a handful says more of the cloud than of the sea.
 fn cloud_keeps<const K: usize>(cloud: &Cloud<K>, log_likelihood: &[f64], share: f64) -> bool {
     share <= 0.0 || cloud.ess_after(log_likelihood) >= share * cloud.len() as f64
-}
-
-/// Weighted moments of the innovation, for ν̄² / (S + Var_w(h + b)).
-#[derive(Default)]
-struct Health {
-    weight: f64,
-    mean: f64,
-    square: f64,
-    s: f64,
-}
-
-impl Health {
-    fn add(&mut self, weight: f64, innovation: f64, s: f64) {
-        self.weight += weight;
-        self.mean += weight * innovation;
-        self.square += weight * innovation * innovation;
-        self.s += weight * s;
-    }
-
-    fn statistic(&self) -> f64 {
-        let mean = self.mean / self.weight;
-        let spread = (self.square / self.weight - mean * mean).max(0.0);
-        let statistic = mean * mean / (self.s / self.weight + spread);
-        if statistic.is_finite() { statistic } else { 0.0 }
-    }
 }
 
 impl<const K: usize> Navigator for Mpf<K> {
