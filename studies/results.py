@@ -54,8 +54,9 @@ STUDIES = (
         "Rich terrain, no current (`st-john`)",
         "st-john",
         100,
-        note="The missions of Tan, Chitre & Hover's Figs. 6-7 over a synthetic stand-in for their chart. As there, ranges "
-        "help the terrain filter, and alone are worse than dead reckoning.",
+        note="The missions of Tan, Chitre & Hover's Figs. 6-7 over a synthetic stand-in for their chart, whose roughness "
+        "was chosen so that, as there, ranges help the terrain filter and alone are worse than dead reckoning: that "
+        "order is not independent evidence.",
     ),
     Study("A current that wanders (`st-john-drift`)", "st-john-drift", 100),
     Study(

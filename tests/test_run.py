@@ -11,10 +11,11 @@ import xarray as xr
 
 import uwcoop
 from uwcoop import _native, scenario
+from uwcoop.budget import fitting
 from uwcoop.errors import LogError, NavigatorError
 from uwcoop.missionlog import MissionLog
-from uwcoop.missionlog.mcap import load_log, write_log
-from uwcoop.navigators import NAVIGATORS, Context, Custom, build, native_chart, options_of
+from uwcoop.missionlog.mcap import write_log
+from uwcoop.navigators import Context, Custom, build, native_chart, options_of
 from uwcoop.run import native_mission, replay_for, sample_times_ns
 from uwcoop.simulate import simulate
 
@@ -37,7 +38,8 @@ def same(a: xr.Dataset, b: xr.Dataset) -> None:
 def test_the_same_seed_gives_the_same_bits_with_one_and_four_threads(log: MissionLog) -> None:
     one, four = uwcoop.run(log, threads=1), uwcoop.run(log, threads=4)
     same(one.tracks, four.tracks)
-    assert one.clouds is not None and four.clouds is not None
+    assert one.clouds is not None
+    assert four.clouds is not None
     same(one.clouds, four.clouds)
     other = uwcoop.run(log, ["mpf"], seed=4)
     assert not np.array_equal(other.tracks.position_m[0], one.tracks.position_m.sel(navigator="mpf"))
@@ -55,7 +57,7 @@ def test_resuming_from_a_snapshot_equals_the_uninterrupted_mission(log: MissionL
     def fresh(name: str) -> _native.Replay:
         return replay_for(log, mission, name, chart, 7, samples, 10)
 
-    for name in NAVIGATORS:
+    for name in fitting(log.scenario, len(log.vehicles)):
         whole = fresh(name)
         whole.run()
         expected = whole.tracks()

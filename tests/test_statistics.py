@@ -56,7 +56,8 @@ def test_mpf_is_consistent_over_fifty_seeds() -> None:
     _, nees, rows = runs("st-john-drift", ("mpf",), SEEDS, ("duration_s=300",))
     share = coverage(nees[0], (60, 100, 150, 200, 250, 300))
     # 150 vehicles: one standard deviation of the share is 1.8 %.
-    assert np.all(share > 0.95 - 0.08) and 0.90 < share.mean() < 0.99
+    assert np.all(share > 0.95 - 0.08)
+    assert 0.90 < share.mean() < 0.99
     pooled = metrics.pool(rows)["mpf"]
     assert 1.4 <= pooled["anees_median"] <= 2.6
     assert pooled["lost_share"] == 0
@@ -92,5 +93,7 @@ def test_a_fused_belief_is_not_news() -> None:
     """On a flat bottom D-MPF talks itself into wrong positions; tempered ranges do not."""
     _, _, rows = runs("flat-bay", ("dmpf", "mpf"), 50)
     pooled = metrics.pool(rows)
-    assert pooled["dmpf"]["lost_share"] > 0.4 and pooled["dmpf"]["anees_median"] > 20
-    assert pooled["mpf"]["lost_share"] <= 0.03 and pooled["mpf"]["anees_median"] <= 2.6
+    assert pooled["dmpf"]["lost_share"] > 0.4
+    assert pooled["dmpf"]["anees_median"] > 20
+    assert pooled["mpf"]["lost_share"] <= 0.03
+    assert pooled["mpf"]["anees_median"] <= 2.6

@@ -24,6 +24,7 @@ __all__ = [
     "moments",
     "normalize",
     "offset_update",
+    "pattern_depths",
     "propagate",
     "range_log_likelihood",
     "residual_resample",
@@ -154,6 +155,7 @@ class Replay:
 def run_all(replays: Sequence[Replay], threads: int) -> None: ...
 def bilinear_depth(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
 def bilinear_gradient(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
+def pattern_depths(chart: Chart, positions_m: _F8, offsets_m: _F8) -> NDArray[np.float32]: ...
 def propagate(
     positions_m: _F8,
     kalman: _F8,

@@ -80,8 +80,6 @@ class FilterOptions(DriftOptions):
     sigma_range_m: Positive = 1.0
     range_gate_sigmas: Positive | None = None
     """Ranges that contradict the cloud by more than this many sigmas are gated and counted; None: never."""
-    packet: Literal["rounded", "f64"] = "rounded"
-    """Broadcast belief: 15 bytes, or 47 for studies without a limit on bandwidth."""
     entropy_sigma_m: Positive | None = None
     """Kernel width of the entropies (20)-(21) that say what a range told; set by `diagnostics.entropy`."""
 
@@ -91,7 +89,8 @@ class DmpfOptions(FilterOptions):
 
     drift: Literal["table-1", "no-dvl", "dvl"] = "table-1"
     packet: Literal["rounded", "f64", "modes", "particles"] = "rounded"
-    """As the base; `modes`: a Gaussian mixture (section 7); or all particles (section 5.1), 24 bytes each."""
+    """Broadcast belief: 15 bytes, or 47 as float64; `modes`: a Gaussian mixture (section 7); or all particles (section
+    5.1), 24 bytes each."""
     modes: Annotated[int, Field(ge=1, le=4)] = 2
     """Modes of a `modes` packet; two take 26 bytes."""
     window: Annotated[int, Field(ge=1, le=120)] = 14
@@ -110,6 +109,8 @@ class DmpfOptions(FilterOptions):
 class MpfOptions(FilterOptions):
     """Options of `mpf` and `mpf-terrain-only`."""
 
+    packet: Literal["rounded", "f64"] = "rounded"
+    """Broadcast belief: 15 bytes, or 47 for studies without a limit on bandwidth."""
     sigma_depth_m: Positive | None = None
     """Sigma of a sounding; None: what the sensor states."""
     sigma_offset0_m: Positive = 1.0
@@ -125,7 +126,7 @@ class MpfOptions(FilterOptions):
     sounding_spacing_m: NonNegative = 0.0
     """Least distance between the soundings that are used."""
     least_ess_share: Annotated[float, Field(ge=0, le=0.5)] = 0.02
-    """A sounding that would leave a smaller effective share of the particles counts less: sigma doubled, at most six times."""
+    """A sounding that would leave a smaller effective share of the particles has its sigma doubled, six times at most."""
     bias_states: bool = False
     """Compass and thrust bias as further Kalman states."""
     range_method: Literal["gaussian"] = "gaussian"
