@@ -32,7 +32,8 @@ def same(a: xr.Dataset, b: xr.Dataset) -> None:
     assert set(a.variables) == set(b.variables)
     for name in a.variables:
         left, right = a[name].to_numpy(), b[name].to_numpy()
-        assert left.dtype == right.dtype and left.tobytes() == right.tobytes(), name
+        assert left.dtype == right.dtype, name
+        assert left.tobytes() == right.tobytes(), name
 
 
 def test_the_same_seed_gives_the_same_bits_with_one_and_four_threads(log: MissionLog) -> None:
