@@ -52,7 +52,7 @@ def on_page_content(html: str, **_: Any) -> str:
     from latex2mathml.converter import convert
 
     def mathml(found: re.Match[str]) -> str:
-        return convert(unescape(found[2].strip()), display="block" if found[1] == "div" else "inline")
+        return str(convert(unescape(found[2].strip()), display="block" if found[1] == "div" else "inline"))
 
     return EQUATION.sub(mathml, html)
 
@@ -78,7 +78,9 @@ def navigator_tables() -> str:
 
     sections = [
         _navigator_section("All navigators", "`[navigator.all]`", home.DriftOptions, None),
-        _navigator_section("All particle filters", "`[navigator.all]`", home.FilterOptions, home.DriftOptions),
+        _navigator_section(
+            "All particle filters", "`[navigator.all]`", home.FilterOptions, home.DriftOptions
+        ),
     ]
     by_model: dict[type[BaseModel], list[str]] = {}
     for name, spec in NAVIGATORS.items():
@@ -147,7 +149,7 @@ def _section(
             choice = _choice(shape)
             inner.append((at, f"[[{at}]]" if listed else f"[{at}]{choice}", shape))
             done.add(target)
-    said = [f"### `{heading or 'at the top of the file'}`", inspect.getdoc(model) or ""]
+    said = [f"### `{heading}`" if heading else "### Top of the file", inspect.getdoc(model) or ""]
     said.append(_table(schema, _meanings(model), notes, _by_preset(name)))
     sections.append("\n\n".join(part for part in said if part))
     for at, title, shape in inner:
@@ -156,10 +158,8 @@ def _section(
 
 def _choice(shape: dict[str, Any]) -> str:
     """` model = "constant"` of a table that is one of several."""
-    for key in ("model", "kind"):
-        if "const" in (value := shape["properties"].get(key, {})):
-            return f' {key} = "{value["const"]}"'
-    return ""
+    told = (f' {key} = "{value["const"]}"' for key, value in shape["properties"].items() if "const" in value)
+    return next(told, "")
 
 
 def _references(value: Any, listed: bool = False) -> Iterator[tuple[str, bool]]:
@@ -198,7 +198,7 @@ def _table(
             default = "" if key in notes else f"`{_toml(value['default'])}`"
         elif default is None:
             required = key in schema.get("required", ())
-            default = "**required**" if required else "–"
+            default = "**required**" if required else "" if key in notes else "–"
         bound = notes.get(key) or _bound(value)
         meaning = meanings.get(key, "") or value.get("description", "")
         cells = [f"`{key}`", _unit(key), default, bound, meaning]
@@ -225,7 +225,7 @@ def _one_bound(value: dict[str, Any]) -> str:
     if kind in ("number", "integer"):
         words = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
         limits = [f"{sign} {_number(value[word])}" for word, sign in words.items() if word in value]
-        return " and ".join((["whole"] if kind == "integer" else []) + limits) or "number"
+        return ", ".join((["whole"] if kind == "integer" else []) + limits) or "number"
     if kind == "array":
         if "prefixItems" in value:
             return f"{len(value['prefixItems'])} numbers"
@@ -341,7 +341,10 @@ def events() -> str:
     """Event kinds and their fields."""
     from uwcoop.missionlog import EVENT_COLUMNS
 
-    rows = [f"| `{kind}` | {', '.join(f'`{c}`' for c in columns) or '–'} |" for kind, columns in EVENT_COLUMNS.items()]
+    rows = [
+        f"| `{kind}` | {', '.join(f'`{c}`' for c in columns) or '–'} |"
+        for kind, columns in EVENT_COLUMNS.items()
+    ]
     return "\n".join(["| kind | fields |", "|---|---|", *rows])
 
 
@@ -358,7 +361,9 @@ def kernels() -> str:
         returns = ast.unparse(node.returns) if node.returns else "None"
         shown = f"{name}({ast.unparse(node.args)}) -> {returns}".replace("_F8", "f8").replace("_I8", "i8")
         text = inspect.getdoc(getattr(_native, name)) or ""
-        said.append(f"### `{name}`\n\n```text\n{textwrap.fill(shown, 100, subsequent_indent='    ')}\n```\n\n{text}")
+        said.append(
+            f"### `{name}`\n\n```text\n{textwrap.fill(shown, 100, subsequent_indent='    ')}\n```\n\n{text}"
+        )
     return "\n\n".join(said)
 
 

@@ -72,7 +72,7 @@ def test_size_is_chosen_in_metres() -> None:
 
 def test_arguments_out_of_bounds_are_refused() -> None:
     for arguments, message in [
-        ({"name": "atlantis"}, "'atlantis' is unknown: choose one of poor-bay, st-john"),
+        ({"name": "atlantis"}, "'atlantis' is unknown: choose one of charles-river, poor-bay, st-john"),
         ({"name": "st-john", "seed": -1}, "seed -1 must be at least 0"),
         ({"name": "st-john", "relief": -0.1}, "relief -0.1 must be"),
         ({"name": "st-john", "relief": 3.0}, "relief 3.0 lifts the seabed to a depth of -"),

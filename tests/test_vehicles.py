@@ -453,3 +453,47 @@ def test_a_real_survey_day_becomes_a_vehicle(reference: Path) -> None:
     assert np.isfinite(moved.soundings_m).sum() > 600
     assert 0.5 < np.median(np.hypot(*np.diff(moved.position_m, axis=0).T)) < 2.0
     assert 1 < np.hypot(*(dead_reckoned(moved) - moved.position_m)[-1]) < 200
+
+
+# --- waves ---
+
+
+def test_waves_wash_the_track_and_the_command_stays_that_of_the_plan() -> None:
+    calm = team_motion(world("duration_s=300"), FLAT, 3)[0]
+    washed = team_motion(world("duration_s=300", "waves={amplitude_m=2, period_s=12}"), FLAT, 3)[0]
+    np.testing.assert_array_equal(washed.command_mps, calm.command_mps)
+    np.testing.assert_array_equal(washed.yaw_rad, calm.yaw_rad)
+    np.testing.assert_array_equal(washed.believed_yaw_rad, calm.believed_yaw_rad)
+    swing = washed.position_m - calm.position_m  # heading north: across the track is east
+    np.testing.assert_allclose(swing[:, 1], 0, atol=1e-9)
+    assert np.abs(swing[:, 0]).max() == pytest.approx(2.0, rel=0.04)
+    assert swing[:, 0].std() == pytest.approx(2 / math.sqrt(2), rel=0.02)
+    np.testing.assert_allclose(swing[12:, 0], swing[:-12, 0], atol=1e-9)  # its period
+    np.testing.assert_allclose(swing[6:, 0], -swing[:-6, 0], atol=1e-9)
+
+
+def test_waves_may_have_a_direction_and_each_vehicle_a_phase_of_its_own() -> None:
+    team = ["vehicles={count=2}", "duration_s=120"]
+    calm = team_motion(world(*team), FLAT, 3)
+    for washed, still, phase_of in [
+        (team_motion(world(*team, "waves={amplitude_m=1.5, period_s=8, direction_deg=30}"), FLAT, 3), calm, 3),
+        (team_motion(world(*team, "waves={amplitude_m=1.5, period_s=8, direction_deg=30}"), FLAT, 4),
+         team_motion(world(*team), FLAT, 4), 4),
+    ]:  # fmt: skip
+        swings = [a.position_m - b.position_m for a, b in zip(washed, still, strict=True)]
+        for swing in swings:
+            along = swing @ [math.sin(math.radians(30)), math.cos(math.radians(30))]
+            np.testing.assert_allclose(np.hypot(*swing.T), np.abs(along), atol=1e-9)
+        assert np.abs(swings[0] - swings[1]).max() > 0.1, phase_of
+
+
+def test_waves_are_refused_when_they_are_shorter_than_the_world_can_show() -> None:
+    with pytest.raises(ScenarioError, match=r"waves.period_s is 3: must be at least 4"):
+        world("waves={amplitude_m=1, period_s=3}")
+    with pytest.raises(ScenarioError, match=r"waves.amplitude_m is -1: must be at least 0"):
+        world("waves.amplitude_m=-1")
+
+
+def test_yaw_is_held_between_seconds() -> None:
+    moved = team_motion(world("vehicles={count = 1}", "duration_s=60"), FLAT, 2)[0]
+    np.testing.assert_array_equal(moved.yaw_at(np.array([0.0, 7.9, 59.5])), moved.yaw_rad[[0, 7, 59]])

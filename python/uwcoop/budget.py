@@ -59,21 +59,28 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
     """
     plan = scenario.acoustics
     link = acoustics.link_of(plan)
-    capacity = acoustics.slot_frames(plan) * link.frame_bytes
+    capacity = acoustics.slot_capacity_bytes(plan)
     names = [vehicle.name for vehicle in scenario.team]
     order = list(plan.order) or names
     cycle_s = plan.slot_s * len(order)
+    # A two-way range is the poller's alone: teammates take turns at polling.
+    pollers = 1 if plan.ranging == "one-way" else len(names) - 1
     costs: dict[str, Cost | None] = {}
-    for name in NAVIGATORS if navigators is None else navigators:
+    asked = fitting(scenario.resolved(), len(names)) if navigators is None else navigators
+    for name in asked:
         size = packet_bytes(name, scenario.resolved(), len(names), capacity)
         if size is None:
             costs[name] = None
             continue
         acoustics.check_packet(plan, size, f"{name}'s packet")
-        frames = acoustics.frames_of(link, size)
-        air_s = acoustics.air_time_s(link, frames)
-        survive = acoustics.survive_probability(plan) ** frames
-        costs[name] = Cost(size, frames, air_s, air_s + plan.guard, survive)
+        frames = acoustics.packet_frames(plan, size)
+        costs[name] = Cost(
+            packet_bytes=size,
+            frames=frames,
+            air_time_s=acoustics.air_time_s(link, frames),
+            slot_needed_s=acoustics.slot_needed_s(plan, frames),
+            survive=acoustics.packet_survival(plan, frames),
+        )
     if plan.packet_bytes is not None:
         acoustics.check_packet(plan, plan.packet_bytes)
     return Budget(
@@ -86,7 +93,9 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
         slot_s=plan.slot_s,
         guard_s=plan.guard,
         cycle_s=cycle_s,
-        heard_per_min={name: 60 * sum(other != name for other in order) / cycle_s for name in names},
+        heard_per_min={
+            name: 60 * sum(other != name for other in order) / cycle_s / pollers for name in names
+        },
         costs=costs,
     )
 
@@ -99,7 +108,7 @@ def refuse_misfits(navigators: Iterable[str], tables: Mapping[str, Any], vehicle
     if "acoustics" not in tables:
         return
     plan = Acoustics.model_validate(tables["acoustics"])
-    capacity = acoustics.slot_frames(plan) * acoustics.link_of(plan).frame_bytes
+    capacity = acoustics.slot_capacity_bytes(plan)
     for name in navigators:
         size = packet_bytes(name, tables, vehicles, capacity)
         if size is not None:
@@ -107,13 +116,14 @@ def refuse_misfits(navigators: Iterable[str], tables: Mapping[str, Any], vehicle
 
 
 def fitting(tables: Mapping[str, Any], vehicles: int) -> list[str]:
-    """The packaged navigators whose packets fit the slots of a resolved scenario, in their order."""
+    """The packaged navigators for a resolved scenario: all, but those that need a bandwidth that its modem lacks."""
     fits = []
-    for name in NAVIGATORS:
-        try:
-            refuse_misfits([name], tables, vehicles)
-        except ScheduleError:
-            continue
+    for name, spec in NAVIGATORS.items():
+        if spec.needs_bandwidth:
+            try:
+                refuse_misfits([name], tables, vehicles)
+            except ScheduleError:
+                continue
         fits.append(name)
     return fits
 

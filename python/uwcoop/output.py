@@ -15,8 +15,17 @@ from uwcoop.errors import ChartError, MissingDependencyError, TracksError
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
     from uwcoop.run import RunResult
+    from uwcoop.study import StudyResult
 
-__all__ = ["refuse_file", "resolved_scenario", "summary_text", "whole", "write_chart_picture", "write_run"]
+__all__ = [
+    "refuse_file",
+    "resolved_scenario",
+    "summary_text",
+    "whole",
+    "write_chart_picture",
+    "write_run",
+    "write_study_figures",
+]
 
 _CHART_DPI = 130
 
@@ -46,7 +55,9 @@ def summary_text(summary: Mapping[str, Any]) -> str:
     return json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
 
 
-def write_run(result: RunResult, folder: Path, note: Callable[[str], None]) -> list[str]:
+def write_run(
+    result: RunResult, folder: Path, note: Callable[[str], None], *, figures: bool = False
+) -> list[str]:
     """Write `summary.json`, `scenario.json`, `tracks.nc`, `errors.png`, `map.png` and `replay.rrd`.
 
     Args:
@@ -54,6 +65,8 @@ def write_run(result: RunResult, folder: Path, note: Callable[[str], None]) -> l
         folder: made if it does not exist; files of an earlier run in it are replaced.
         note: called with one line for each file that could not be made, because an optional dependency is
             missing or because the mission does not hold what it shows.
+        figures: also `covariance.png`, `traffic.png` and, where information gains are recorded,
+            `information.png`.
 
     Returns:
         Names of the files written.
@@ -68,6 +81,12 @@ def write_run(result: RunResult, folder: Path, note: Callable[[str], None]) -> l
         "map.png": _write_map,
         "replay.rrd": _write_replay,
     }
+    if figures:
+        writers |= {
+            "covariance.png": _write_covariance,
+            "traffic.png": _write_traffic,
+            "information.png": _write_information,
+        }
     written = []
     for name, write in writers.items():
         try:
@@ -95,6 +114,37 @@ def resolved_scenario(result: RunResult) -> dict[str, Any]:
     }
     scenario = result.log.scenario
     return {**scenario, "seed": result.log.seed, "navigator": {**scenario.get("navigator", {}), **options}}
+
+
+def write_study_figures(result: StudyResult, folder: Path, note: Callable[[str], None]) -> list[str]:
+    """Draw the pictures of a study that its data allow: `boxes.png`, `errors_over_time.png`, `information.png`.
+
+    Args:
+        result: of `uwcoop.study`.
+        folder: of the study.
+        note: called with one line for each picture that is not drawn, and why.
+
+    Returns:
+        Names of the files written.
+    """
+    from uwcoop.figures.study import study_figures
+
+    keys = list(result.summary["variants"][0]["set"])
+    drawn = study_figures(
+        result.rows, keys, result.errors, title=result.summary["scenario"], settle_s=result.settle_s
+    )
+    written = []
+    try:
+        for name, figure in drawn:
+            if isinstance(figure, str):
+                note(f"{name} is not drawn: {figure}")
+                continue
+            with whole(folder / name) as partial:
+                figure.savefig(partial)
+            written.append(name)
+    except MissingDependencyError as reason:
+        note(f"no picture is drawn: {reason}")
+    return written
 
 
 def write_chart_picture(chart: Chart, path: Path) -> None:
@@ -137,6 +187,26 @@ def _write_map(result: RunResult, path: Path) -> None:
     from uwcoop.figures.map import map_figure
 
     map_figure(result.tracks, _chart(result)).savefig(path)
+
+
+def _write_covariance(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.covariance import covariance_figure
+
+    covariance_figure(result.tracks, result.packets, result.log.chart).savefig(path)
+
+
+def _write_traffic(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.traffic import traffic_figure
+
+    motion = result.log.events.get("motion")
+    traffic_figure(result.tracks, result.packets, result.log.chart, motion).savefig(path)
+
+
+def _write_information(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.information import information_figure
+
+    title = f"{result.tracks.attrs['mission']}, seed {result.tracks.attrs['seed']}"
+    information_figure(result.tracks, title=title).savefig(path)
 
 
 def _write_replay(result: RunResult, path: Path) -> None:

@@ -13,6 +13,7 @@ from uwcoop import scenario as scenarios
 from uwcoop.errors import ChartError, ScenarioError
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
+from uwcoop.streams import TEAM, Purpose, stream
 from uwcoop.vehicles import team_motion
 
 if TYPE_CHECKING:
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from uwcoop.charts import Chart
+    from uwcoop.charts.survey import SurveyPlan
     from uwcoop.scenario.chart import ChartSpec
     from uwcoop.scenario.models import Scenario
     from uwcoop.vehicles import Motion
@@ -34,7 +36,8 @@ def simulate(
     Args:
         scenario: a `Scenario`, the name of a packaged one, or the path of a scenario file.
         seed: of the mission, 0 or above; None takes the scenario's.
-        chart: the seabed, and the chart that navigators get; None makes or reads the scenario's.
+        chart: instead of what the scenario's `chart.source` gives. It is what vehicles sound and what
+            navigators get; with `[chart.survey]` the former alone, with `[chart.seabed]` the latter.
 
     Returns:
         The log: events, slots, opportunities, and the truth apart. The same scenario, chart and seed give the
@@ -52,15 +55,16 @@ def simulate(
         raise ScenarioError(f"seed is {seed}: must be at least 0")
     names = tuple(vehicle.name for vehicle in scenario.team)
     slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
-    chart = open_chart(scenario.chart) if chart is None else chart
-    motion = team_motion(scenario, chart, seed)
+    source = open_chart(scenario.chart) if chart is None else chart
+    seabed, chart = seabed_and_chart(scenario.chart, source, seed)
+    motion = team_motion(scenario, seabed, seed)
     return MissionLog(
         name=scenario.name,
         seed=seed,
         vehicles=names,
         duration_ns=round(scenario.duration_s) * 1_000_000_000,
         link=acoustics.link_of(scenario.acoustics),
-        events=sensors.events_of(scenario, chart, motion, seed),
+        events=sensors.events_of(scenario, seabed, motion, seed),
         slots=slots,
         opportunities=acoustics.opportunities(scenario.acoustics, slots, motion, seed, names),
         chart=chart,
@@ -68,6 +72,41 @@ def simulate(
         scenario=scenario.resolved(),
         truth=_truth(names, motion),
     )
+
+
+def seabed_and_chart(spec: ChartSpec, source: Chart, seed: int) -> tuple[Chart, Chart]:
+    """What vehicles sound, and the chart that navigators get.
+
+    Args:
+        spec: says how they differ.
+        source: what `open_chart(spec)` gives.
+        seed: the mission's, which counts where each mission is to have draws of its own.
+
+    Raises:
+        ChartError: a survey that makes no chart, a chart that states no error to draw.
+    """
+    drawn = spec.survey or spec.seabed
+    if drawn is None:
+        return source, source
+    # The mission's seed after a mark: no mission's draw is the one that all missions share.
+    more = (seed + 1,) if drawn.each_mission else (0,)
+    if spec.survey is not None:
+        return source, _surveyed(source, spec.survey.plan(), drawn.seed, more)
+    return _drawn_seabed(source, drawn.seed, more), source
+
+
+@lru_cache(maxsize=4)
+def _surveyed(seabed: Chart, plan: SurveyPlan, seed: int, more: tuple[int, ...]) -> Chart:
+    from uwcoop.charts.survey import surveyed_chart
+
+    return surveyed_chart(seabed, plan, seed, *more).chart
+
+
+@lru_cache(maxsize=2)
+def _drawn_seabed(chart: Chart, seed: int, more: tuple[int, ...]) -> Chart:
+    from uwcoop.charts.seabed import drawn_seabed
+
+    return drawn_seabed(chart, stream(seed, TEAM, Purpose.SEABED, *more))
 
 
 def open_chart(spec: ChartSpec) -> Chart:

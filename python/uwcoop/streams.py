@@ -42,6 +42,8 @@ class Purpose(IntEnum):
     RANGE_OUTLIER = 21
     WAVES = 22
     POLL = 23
+    SURVEY = 24
+    SEABED = 25
 
 
 def stream(seed: int, vehicle: int, purpose: Purpose, *more: int) -> np.random.Generator:

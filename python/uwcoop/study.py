@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +26,11 @@ from uwcoop.navigators import NAVIGATORS, Custom, options_of
 from uwcoop.output import summary_text
 from uwcoop.run import run
 from uwcoop.simulate import open_chart, simulate
+from uwcoop.traces import Traces, gather, read_traces, trace_of, write_traces
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from uwcoop.charts import Chart
     from uwcoop.missionlog import MissionLog
     from uwcoop.scenario.chart import ChartSpec
@@ -48,6 +51,8 @@ class StudyResult:
     """Errors count from here on, s."""
     vehicles: int | None
     """Size of the team; None where variants differ in it."""
+    errors: xr.Dataset | None = None
+    """Every run's error over time, as `uwcoop.traces` describes it, if it was to be kept."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +63,10 @@ class _Variant:
     @property
     def texts(self) -> tuple[str, ...]:
         return tuple(text_of(value) for value in self.settings.values())
+
+    @property
+    def label(self) -> str:
+        return _label(self.settings, self.texts)
 
 
 def study(
@@ -71,6 +80,7 @@ def study(
     processes: int | None = None,
     overrides: Sequence[str] = (),
     first_seed: int = 0,
+    keep_errors: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> StudyResult:
     """Runs navigators over many missions: run k has the seed `first_seed + k`, whatever the variant.
@@ -90,6 +100,8 @@ def study(
         processes: at most so many at a time; None: as many as there are cores. 1 works in this process.
         overrides: "dotted.key=value" each, for all variants.
         first_seed: seed of the first run.
+        keep_errors: keep every run's error over time, in the result and as `errors.nc` in `out`. Of a study
+            that is resumed, what was flown without it is not flown again.
         progress: called with the missions done and the missions in all, those skipped included.
 
     Raises:
@@ -116,16 +128,25 @@ def study(
     done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
     if progress:
         progress(done, total)
-    for seed, flown in _flights(pending, variants, chosen, processes):
-        ledger.add([
-            {**dict(zip(variants[k].settings, variants[k].texts, strict=True)), **row, "run": seed - first_seed}
-            for k, rows in flown
-            for row in rows
-        ])  # fmt: skip
-        done += len(flown)
-        if progress:
-            progress(done, total)
-    return _result(ledger, variants, runs, first_seed)
+    kept = _kept_before(ledger, list(vary or {}), Path(out)) if keep_errors and out is not None else {}
+    try:
+        for seed, flown in _flights(pending, variants, chosen, processes, keep_errors):
+            ledger.add([
+                {**dict(zip(variants[k].settings, variants[k].texts, strict=True)), **row,
+                 "run": seed - first_seed}
+                for k, rows, _ in flown
+                for row in rows
+            ])  # fmt: skip
+            kept |= {(variants[k].label, seed): trace for k, _, trace in flown if trace is not None}
+            done += len(flown)
+            if progress:
+                progress(done, total)
+    finally:
+        if out is not None:
+            write_traces(kept, Path(out))
+    seeds = range(first_seed, first_seed + runs)
+    errors = gather(kept, [variant.label for variant in variants], seeds)
+    return replace(_result(ledger, variants, runs, first_seed), errors=errors)
 
 
 def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
@@ -181,7 +202,18 @@ def _pending(
     return pending
 
 
-_Flown = list[tuple[int, list[Row]]]
+def _label(keys: Iterable[str], texts: Iterable[str]) -> str:
+    return ", ".join(f"{key} = {text}" for key, text in zip(keys, texts, strict=True))
+
+
+def _kept_before(ledger: Ledger, keys: Sequence[str], folder: Path) -> Traces:
+    """Errors over time in the folder, of missions whose rows it holds too."""
+    flown = {(_label(keys, texts), seed) for texts, seed in ledger.missions()}
+    return {mission: trace for mission, trace in read_traces(folder).items() if mission in flown}
+
+
+_Flown = list[tuple[int, list[Row], "xr.Dataset | None"]]
+"""Variant, rows, and the error over time if it is kept."""
 
 
 def _flights(
@@ -189,14 +221,16 @@ def _flights(
     variants: Sequence[_Variant],
     navigators: Sequence[str | Custom],
     processes: int | None,
+    keep_errors: bool,
 ) -> Iterator[tuple[int, _Flown]]:
     """Every pending seed with its variants' rows, in the order in which they finish."""
+    fly = partial(_fly, keep_errors=True) if keep_errors else _fly
     jobs = {seed: [(k, variants[k].scenario) for k in which] for seed, which in pending.items()}
     workers = min(processes or _cores(), len(jobs))
     if workers <= 1:
         for seed, job in jobs.items():
             try:
-                yield seed, _fly(seed, job, navigators)
+                yield seed, fly(seed, job, navigators)
             except UwcoopError as error:
                 raise _with_seed(error, seed) from error
         return
@@ -206,7 +240,7 @@ def _flights(
     )
     try:
         futures: dict[Future[_Flown], int] = {
-            executor.submit(_fly, seed, job, navigators): seed for seed, job in jobs.items()
+            executor.submit(fly, seed, job, navigators): seed for seed, job in jobs.items()
         }
         for future in as_completed(futures):
             try:
@@ -240,10 +274,15 @@ def _with_seed(error: UwcoopError, seed: int) -> UwcoopError:
     return error
 
 
-def _fly(seed: int, job: Sequence[tuple[int, Scenario]], navigators: Sequence[str | Custom]) -> _Flown:
+def _fly(
+    seed: int,
+    job: Sequence[tuple[int, Scenario]],
+    navigators: Sequence[str | Custom],
+    keep_errors: bool = False,
+) -> _Flown:
     """One seed in every variant; worlds that are the same are simulated once."""
     logs: dict[str, MissionLog] = {}
-    flown = []
+    flown: _Flown = []
     for k, scenario in job:
         resolved = scenario.resolved()
         world = json.dumps({key: resolved[key] for key in resolved if key not in ("navigator", "metrics")})
@@ -251,7 +290,8 @@ def _fly(seed: int, job: Sequence[tuple[int, Scenario]], navigators: Sequence[st
             logs[world] = simulate(scenario, seed, _chart(scenario.chart))
         log = replace(logs[world], scenario=resolved)
         result = run(log, navigators, clouds=False)
-        flown.append((k, metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)))
+        rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
+        flown.append((k, rows, trace_of(result.tracks) if keep_errors else None))
     return flown
 
 

@@ -95,7 +95,8 @@ def budget_table(budget: Budget) -> Table:
         f"{budget.scenario}: {budget.modem}, {limit}",
         f"Slot {budget.slot_s:g} s, of which guard {budget.guard_s:.2f} s; cycle {budget.cycle_s:g} s. "
         f"Air time = preamble {budget.preamble_s:g} s + frames × {budget.frame_s:.3g} s. "
-        f"A vehicle hears {rates} packets per minute if none is lost.",
+        f"A vehicle hears {rates} packets per minute if none is lost. Arrives: at the schedule's longest range, outside "
+        "of shadows and blackouts.",
     )
     table.add_column("navigator", style="bold", no_wrap=True)
     for heading in (

@@ -9,12 +9,16 @@ tracks looks like a chart.
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uwcoop.charts.alignment import Alignment, align_segments, segments_of
 from uwcoop.charts.chart import Chart
-from uwcoop.charts.raster import MAX_NODES, check_cell
+from uwcoop.charts.raster import CORRELATION_LENGTH_M, MAX_NODES, Quality, check_cell
+from uwcoop.charts.residuals import ResidualReport, leave_one_out, report
+from uwcoop.charts.surface import distance, hull, linear, medians
 from uwcoop.errors import ChartError, MissingDependencyError
 from uwcoop.missionlog.model import Origin
 
@@ -25,12 +29,43 @@ if TYPE_CHECKING:
 
 MAX_GAP_M = 10.0
 """Default distance to the nearest sounding beyond which a node is a hole; at least two cells."""
-CORRELATION_LENGTH_M = 10.0
-"""Default correlation length of a sounded chart's error: where residuals between surveys fall to half."""
-_LEAST_RESIDUALS = 20
-_FOLDS = 5
+_SLOPE_REACH_M = 5.0
+"""Slopes are taken between places this far to each side: closer ones see the soundings' noise."""
 _LEAST_PATCH_NODES = 8
 _LEAST_PATCH_SHARE = 1 / 200
+
+
+@dataclass(frozen=True)
+class Soundings:
+    """Depths at local positions, and where they come from."""
+
+    east_m: Values
+    north_m: Values
+    depth_m: Values
+    """(N,) metres, positive down."""
+    survey: NDArray[Any] | None = None
+    """(N,) labels of days or lines; None: not known."""
+    time_s: Values | None = None
+    """(N,) seconds; None: not known."""
+    origin: Origin = field(default_factory=Origin)
+    name: str = "soundings"
+    notes: tuple[str, ...] = ()
+
+    @property
+    def surveys(self) -> int:
+        """How many there are; 0 where that is not known."""
+        return 0 if self.survey is None else np.unique(self.survey.astype(str)).size
+
+
+@dataclass(frozen=True)
+class Gridded:
+    """A chart made of soundings, and what its making told of its error."""
+
+    chart: Chart
+    residuals: ResidualReport | None
+    """None where the chart's quality was given and no report asked for."""
+    alignment: Alignment | None
+    """None where segments were left as they are."""
 
 
 def grid_soundings(
@@ -41,6 +76,8 @@ def grid_soundings(
     cell_m: float | None = None,
     max_gap_m: float | None = None,
     survey: ArrayLike | None = None,
+    time_s: ArrayLike | None = None,
+    align: bool = False,
     sigma_map_m: float | None = None,
     correlation_length_m: float | None = None,
     origin: Origin | None = None,
@@ -55,8 +92,10 @@ def grid_soundings(
         max_gap_m: nodes farther than this from every sounding are holes; None: 10 m, or two cells if larger.
         survey: (N,) labels of days or lines; with two or more, the chart's error is judged by leaving one
             out.
+        time_s: (N,) seconds, which cut surveys into segments for `align`; None: one sounding a second.
+        align: shift segments of 900 s so that crossing soundings agree, before gridding.
         sigma_map_m: standard deviation of the chart's error; None finds it from cross-validated residuals.
-        correlation_length_m: of that error; None: 10 m.
+        correlation_length_m: of that error; None finds it from residuals between surveys, or takes 10 m.
         origin: where the local zero lies.
         name: the chart's name.
         notes: what to say before this function's own notes.
@@ -65,14 +104,85 @@ def grid_soundings(
         ChartError: fewer than four soundings, all on one line, too small a cell, or nothing but holes.
     """
     east, north, depth = (np.asarray(a, dtype=np.float64).ravel() for a in (e_m, n_m, depth_m))
-    _check(east, north, depth, cell_m, max_gap_m)
-    said = list(notes)
+    soundings = Soundings(
+        east,
+        north,
+        depth,
+        None if survey is None else np.asarray(survey).ravel(),
+        None if time_s is None else np.asarray(time_s, dtype=np.float64).ravel(),
+        origin or Origin(),
+        name,
+        notes,
+    )
+    quality = Quality(sigma_map_m, correlation_length_m)
+    return grid_and_judge(soundings, cell_m=cell_m, max_gap_m=max_gap_m, align=align, quality=quality).chart
+
+
+def grid_and_judge(
+    soundings: Soundings,
+    *,
+    cell_m: float | None = None,
+    max_gap_m: float | None = None,
+    align: bool = False,
+    quality: Quality | None = None,
+    report_residuals: bool = False,
+) -> Gridded:
+    """As `grid_soundings`, with the residuals and the alignment beside the chart.
+
+    Args:
+        soundings: what to make a chart of.
+        cell_m, max_gap_m, align: see `grid_soundings`.
+        quality: of the chart, as far as it is asked for; the rest is found from residuals.
+        report_residuals: find residuals in any case.
+
+    Raises:
+        ChartError: see `grid_soundings`.
+    """
+    quality = quality or Quality()
+    points = (soundings.east_m, soundings.north_m, soundings.depth_m)
+    _check(soundings, cell_m, max_gap_m)
+    said = list(soundings.notes)
     if cell_m is None:
-        cell_m = _cell_for(east, north)
+        cell_m = _cell_for(*points[:2])
         said.append(f"cell not asked for: {cell_m:g} m, after the soundings' density")
     if max_gap_m is None:
         max_gap_m = max(MAX_GAP_M, 2 * cell_m)
-    axes = [_axis(values, cell_m) for values in (east, north)]
+    alignment = None
+    if align:
+        segment = segments_of(soundings.survey, soundings.time_s, points[0].size)
+        alignment = align_segments(points, segment, cell_m=cell_m, max_gap_m=max_gap_m)
+        points = alignment.applied(points)
+        said.append(alignment.note)
+    grid, axes = _grid(points, cell_m, max_gap_m, said)
+    measured = quality.correlation_length_m is None and soundings.surveys > 1
+    residuals = None
+    if report_residuals or quality.sigma_map_m is None or measured:
+        found = leave_one_out(points, soundings.survey, cell_m=cell_m, max_gap_m=max_gap_m)
+        rough = Chart(grid.astype(np.float32), float(axes[0][0]), float(axes[1][0]), cell_m)
+        residuals = report(found, _slope_at(rough, found.east_m, found.north_m))
+    sigma, length = _quality(residuals, quality, said)
+    rows, cols = (slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(np.isfinite(grid)))
+    if rows.stop - rows.start < 2 or cols.stop - cols.start < 2:
+        rows, cols = slice(None), slice(None)
+    chart = Chart(
+        depth_m=grid[rows, cols].astype(np.float32),
+        east0_m=float(axes[0][cols][0]),
+        north0_m=float(axes[1][rows][0]),
+        cell_m=cell_m,
+        sigma_map_m=sigma,
+        correlation_length_m=length,
+        origin=soundings.origin,
+        name=soundings.name,
+        notes=tuple(said),
+    )
+    return Gridded(chart, residuals, alignment)
+
+
+def _grid(
+    soundings: tuple[Values, Values, Values], cell_m: float, max_gap_m: float, said: list[str]
+) -> tuple[Values, list[Values]]:
+    """Depths at the nodes, NaN for holes, and the nodes' eastings and northings."""
+    axes = [_axis(values, cell_m) for values in soundings[:2]]
     nodes = axes[0].size * axes[1].size
     if nodes > MAX_NODES:
         area = (axes[0].size - 1) * cell_m, (axes[1].size - 1) * cell_m
@@ -81,8 +191,7 @@ def grid_soundings(
             f"above {MAX_NODES:,}: choose at least {np.sqrt(area[0] * area[1] / MAX_NODES) * 1.01:.2g} m, "
             "or leave out stray soundings"
         )
-    reduced = _medians(east, north, depth, cell_m)
-    grid = _interpolated(reduced, axes, (east, north), max_gap_m)
+    grid = _interpolated(medians(*soundings, cell_m), axes, soundings[:2], max_gap_m)
     if not np.isfinite(grid).any():
         raise ChartError(
             f"no node lies within {max_gap_m:g} m of a sounding and between soundings: all are holes"
@@ -91,35 +200,48 @@ def grid_soundings(
         f"gridded to {cell_m:g} m: medians of cells, linear between them (verde); "
         f"holes beyond {max_gap_m:g} m of a sounding"
     )
-    grid = _without_strays(grid, said)
-    if sigma_map_m is None:
-        sigma_map_m = _residual_sigma(reduced, (east, north, depth), survey, cell_m, max_gap_m, said)
+    return _without_strays(grid, said), axes
+
+
+def _quality(residuals: ResidualReport | None, asked: Quality, said: list[str]) -> tuple[float, float]:
+    """The chart's sigma and correlation length: as asked, else as the residuals propose."""
+    sigma, length = asked.sigma_map_m, asked.correlation_length_m
+    proposed = ("", "") if residuals is None else residuals.notes()
+    if sigma is None:
+        assert residuals is not None
+        sigma = residuals.sigma_map_m
+        said.append(proposed[0])
     else:
-        said.append(f"chart error: sigma_map {sigma_map_m:g} m as asked")
-    if correlation_length_m is None:
-        correlation_length_m = CORRELATION_LENGTH_M
+        said.append(f"chart error: sigma_map {sigma:g} m as asked")
+    if length is None:
+        length = CORRELATION_LENGTH_M if residuals is None else residuals.correlation_length_m
         said.append(
-            f"correlation length of the chart's error: {CORRELATION_LENGTH_M:g} m, usual for soundings"
+            proposed[1] or f"correlation length of the chart's error: {length:g} m, usual for soundings"
         )
-    rows, cols = (slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(np.isfinite(grid)))
-    if rows.stop - rows.start < 2 or cols.stop - cols.start < 2:
-        rows, cols = slice(None), slice(None)
-    return Chart(
-        depth_m=grid[rows, cols].astype(np.float32),
-        east0_m=float(axes[0][cols][0]),
-        north0_m=float(axes[1][rows][0]),
-        cell_m=cell_m,
-        sigma_map_m=sigma_map_m,
-        correlation_length_m=correlation_length_m,
-        origin=origin or Origin(),
-        name=name,
-        notes=tuple(said),
+    return sigma, length
+
+
+def _slope_at(chart: Chart, east: Values, north: Values) -> Values:
+    """Steepness at places, over a few metres; NaN beside holes."""
+    reach = max(_SLOPE_REACH_M, chart.cell_m)
+    ahead, behind = (
+        [
+            chart.depth_at(np.column_stack([east + s * reach * a, north + s * reach * b]))
+            for a, b in ((1, 0), (0, 1))
+        ]
+        for s in (1, -1)
     )
+    rise = [(a - b) / (2 * reach) for a, b in zip(ahead, behind, strict=True)]
+    return np.asarray(np.hypot(*rise))
 
 
-def _check(east: Values, north: Values, depth: Values, cell_m: float | None, max_gap_m: float | None) -> None:
+def _check(soundings: Soundings, cell_m: float | None, max_gap_m: float | None) -> None:
+    east, north, depth = soundings.east_m, soundings.north_m, soundings.depth_m
     if not east.size == north.size == depth.size:
         raise ChartError(f"soundings' columns differ in length: {east.size}, {north.size}, {depth.size}")
+    for name, extra in (("survey", soundings.survey), ("time_s", soundings.time_s)):
+        if extra is not None and extra.size != east.size:
+            raise ChartError(f"soundings' {name} has {extra.size} values, not {east.size}")
     if east.size < 4:
         raise ChartError(f"{east.size} soundings are too few for a chart: at least 4")
     for name, values in (("easting", east), ("northing", north), ("depth", depth)):
@@ -134,18 +256,9 @@ def _check(east: Values, north: Values, depth: Values, cell_m: float | None, max
 
 def _cell_for(east: Values, north: Values) -> float:
     """From 1-2-5: at least 1 m, and no finer than the soundings would lie if spread evenly."""
-    spacing = np.sqrt(_hull(east, north).volume / east.size)  # volume is area in the plane
+    spacing = np.sqrt(hull(east, north).volume / east.size)  # volume is area in the plane
     steps = [step * 10.0**power for power in range(5) for step in (1, 2, 5)]
     return next((step for step in steps if step >= spacing), steps[-1])
-
-
-def _hull(east: Values, north: Values) -> Any:
-    """The convex hull of positions, which must not lie on one line."""
-    spatial = _scipy_spatial()
-    try:
-        return spatial.ConvexHull(np.column_stack([east, north]))
-    except spatial.QhullError as error:
-        raise ChartError("soundings lie on one line: a chart needs soundings across it too") from error
 
 
 def _axis(values: Values, cell_m: float) -> Values:
@@ -158,13 +271,6 @@ def _axis(values: Values, cell_m: float) -> Values:
     return np.asarray(cell_m * (first + np.arange(count)))
 
 
-def _medians(east: Values, north: Values, depth: Values, cell_m: float) -> tuple[Values, Values, Values]:
-    """Median position and depth of the soundings of each cell."""
-    reducer = _verde().BlockReduce("median", spacing=cell_m)
-    (e, n), z = reducer.filter((east, north), depth)
-    return np.asarray(e), np.asarray(n), np.asarray(z)
-
-
 def _interpolated(
     reduced: tuple[Values, Values, Values],
     axes: list[Values],
@@ -172,29 +278,10 @@ def _interpolated(
     max_gap_m: float,
 ) -> Values:
     e, n = np.meshgrid(*axes)
-    distance, _ = (
-        _scipy_spatial()
-        .cKDTree(np.column_stack(soundings))
-        .query(np.column_stack([e.ravel(), n.ravel()]), distance_upper_bound=max_gap_m)
-    )
-    near = np.isfinite(distance).reshape(e.shape)
+    near = np.isfinite(distance(soundings, (e, n), max_gap_m))
     grid = np.full(e.shape, np.nan)
-    grid[near] = _linear(reduced, (e[near], n[near]))
+    grid[near] = linear(reduced, (e[near], n[near]))
     return grid
-
-
-def _linear(known: tuple[Values, Values, Values], at: tuple[Values, Values]) -> Values:
-    """Linear interpolation on Delaunay triangles; NaN outside their hull."""
-    e, n, z = known
-    result = np.full(at[0].shape, np.nan)
-    hull = _hull(e, n).equations
-    # The search for a point's triangle walks there when it has one, and tries them all when it has none.
-    inside = np.all([a * at[0] + b * at[1] + c <= 1e-9 for a, b, c in hull], axis=0)
-    if inside.any():
-        # Metres both ways: rescaling would change which soundings are neighbours.
-        surface = _verde().Linear(rescale=False).fit((e, n), z)
-        result[inside] = surface.predict((at[0][inside], at[1][inside]))
-    return result
 
 
 def _without_strays(grid: Values, said: list[str]) -> Values:
@@ -212,88 +299,3 @@ def _without_strays(grid: Values, said: list[str]) -> Values:
         return grid
     said.append(f"{sizes[stray].sum()} nodes in {stray.size} stray patches far from the rest left out")
     return np.where(np.isin(patch, stray + 1), np.nan, grid)
-
-
-def _residual_sigma(
-    reduced: tuple[Values, Values, Values],
-    soundings: tuple[Values, Values, Values],
-    survey: ArrayLike | None,
-    cell_m: float,
-    max_gap_m: float,
-    said: list[str],
-) -> float:
-    """Standard deviation of what soundings say where others made the chart: between the robust and the plain
-    one.
-
-    Other surveys' soundings tell the most (tide, positioning); without labels, blocks of the size of the
-    largest gap are left out in turn, which misses what all soundings share.
-    """
-    labels = None if survey is None else np.unique(np.asarray(survey).astype(str), return_inverse=True)[1]
-    if labels is not None and labels.max() > 0:
-        e, n, z = soundings
-        folds = [
-            (
-                (e[labels == k], n[labels == k], z[labels == k]),
-                _medians(e[labels != k], n[labels != k], z[labels != k], cell_m),
-            )
-            for k in range(labels.max() + 1)
-            if np.count_nonzero(labels != k) >= 4
-        ]
-        how = f"leaving out one of {labels.max() + 1} surveys"
-    else:
-        folds = _block_folds(reduced, max_gap_m)
-        how = f"leaving out blocks of {max_gap_m:g} m"
-    residuals = np.concatenate([_residuals(test, train, max_gap_m) for test, train in folds] or [np.zeros(0)])
-    if residuals.size < _LEAST_RESIDUALS:
-        raise ChartError(
-            f"{residuals.size} soundings lie close enough to others to judge the chart's error, "
-            f"below {_LEAST_RESIDUALS}: give sigma_map_m"
-        )
-    robust = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals))))
-    plain = float(residuals.std())
-    sigma = float(f"{np.sqrt(robust * plain):.2g}")
-    said.append(
-        f"chart error: sigma_map {sigma:g} m from {residuals.size:,} residuals {how} "
-        f"(robust {robust:.2g} m, plain {plain:.2g} m)"
-    )
-    return sigma
-
-
-def _block_folds(reduced: tuple[Values, Values, Values], size_m: float) -> list[tuple[Any, Any]]:
-    e, n, _ = reduced
-    points = np.column_stack([e, n])
-    blocks = np.unique(np.floor(points / size_m), axis=0).shape[0]
-    if blocks < _FOLDS:
-        return []
-    splitter = _verde().BlockKFold(spacing=size_m, n_splits=_FOLDS, shuffle=True, random_state=0)
-    return [
-        (tuple(a[test] for a in reduced), tuple(a[train] for a in reduced))
-        for train, test in splitter.split(points)
-    ]
-
-
-def _residuals(
-    test: tuple[Values, Values, Values], train: tuple[Values, Values, Values], max_gap_m: float
-) -> Values:
-    """Test soundings minus the chart of the others, where that chart would not have had a hole."""
-    tree = _scipy_spatial().cKDTree(np.column_stack(train[:2]))
-    distance, _ = tree.query(np.column_stack(test[:2]), distance_upper_bound=max_gap_m)
-    near = np.isfinite(distance)
-    residual = test[2][near] - _linear(train, (test[0][near], test[1][near]))
-    return np.asarray(residual[np.isfinite(residual)])
-
-
-def _verde() -> Any:
-    try:
-        import verde
-    except ImportError as error:
-        raise MissingDependencyError("verde", "maps") from error
-    return verde
-
-
-def _scipy_spatial() -> Any:
-    try:
-        from scipy import spatial
-    except ImportError as error:
-        raise MissingDependencyError("scipy", "maps") from error
-    return spatial

@@ -26,6 +26,8 @@ MAX_NODES = 50_000_000
 """A grid of more nodes than this (200 MB of depths) is refused before anything is read or made."""
 
 
+CORRELATION_LENGTH_M = 10.0
+"""Usual correlation length of a surveyed chart's error, where nothing measures it."""
 NO_PROJECTION = "no projection: positions taken as local metres, place on Earth unknown"
 
 
@@ -101,13 +103,14 @@ def chart_from_raster(
             grid = _resample_axes(raster, x, y, wanted)
     notes.append(frame.description if frame else NO_PROJECTION)
     sigma = _sigma(grid, quality, notes)
+    length = _correlation_length(sigma, quality, notes)
     return Chart(
         depth_m=grid.depth_m.astype(np.float32),
         east0_m=grid.east0_m,
         north0_m=grid.north0_m,
         cell_m=grid.cell_m,
         sigma_map_m=sigma,
-        correlation_length_m=quality.correlation_length_m or 0.0,
+        correlation_length_m=length,
         origin=frame.origin if frame else (origin or Origin()),
         name=name,
         notes=tuple(notes),
@@ -285,3 +288,16 @@ def _sigma(grid: _Grid, quality: Quality, notes: list[str]) -> float | NDArray[n
         return grid.sigma_m.astype(np.float32)
     notes.append("chart error not stated: taken as perfect, sigma_map 0 and correlation length 0")
     return 0.0
+
+
+def _correlation_length(sigma: float | NDArray[np.float32], quality: Quality, notes: list[str]) -> float:
+    """As asked; for a chart that errs, what is usual, since no format says over which distance it does."""
+    if quality.correlation_length_m is not None:
+        return quality.correlation_length_m
+    if not np.any(np.nan_to_num(np.asarray(sigma)) > 0):
+        return 0.0
+    notes.append(
+        f"correlation length of the chart's error not stated: {CORRELATION_LENGTH_M:g} m assumed, "
+        "give correlation_length_m if it is known"
+    )
+    return CORRELATION_LENGTH_M

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.charts.geotiff import read_geotiff
+from uwcoop.charts.gridding import Gridded, grid_and_judge
 from uwcoop.charts.netcdf import read_netcdf
 from uwcoop.charts.raster import Quality, chart_from_raster
-from uwcoop.charts.soundings import read_soundings
+from uwcoop.charts.soundings import load_soundings
 from uwcoop.errors import ChartError
 from uwcoop.missionlog.model import Origin
 
@@ -37,6 +38,7 @@ def load_chart(
     sigma_map_m: float | None = None,
     correlation_length_m: float | None = None,
     max_gap_m: float | None = None,
+    align: bool = False,
     origin: Origin | tuple[float, float] | None = None,
 ) -> Chart:
     """Read a chart: GeoTIFF, NetCDF (CF, GMT, GEBCO), ESRI ASCII grid, BAG, or soundings as CSV or XYZ text
@@ -54,16 +56,78 @@ def load_chart(
         depth_unit: "m", "ft" or "fathom"; None: the file's, where feet and fathoms are refused.
         columns: of soundings: their names in the header, or without a header what each is: "lon,lat,depth".
             A fourth names the survey (a day, a line) that a sounding belongs to; surveys judge each other.
+            A fifth names its time (seconds, milliseconds if it is called so, or ISO 8601), for `align`.
         cell_m: distance between nodes; None: the grid's own, or after the soundings' density.
         sigma_map_m: standard deviation of the chart's error; None: 0 for grids, from residuals for soundings.
-        correlation_length_m: of that error; None: 0 for grids, 10 m for soundings.
+        correlation_length_m: of that error; None: 0 for grids without and 10 m for grids with a sigma; for
+            soundings from residuals between surveys, or 10 m.
         max_gap_m: of soundings: nodes farther than this from all of them are holes; None: 10 m or two cells.
+        align: of soundings: shift segments of 900 s until crossing soundings agree.
         origin: latitude and longitude of the local zero, degrees; None: the chart's middle.
 
     Raises:
         ChartError: one line that names what is wrong with the file or an argument.
         MissingDependencyError: the extra `maps` is needed and not installed.
     """
+    file = _file(path)
+    grid_reader = _grid_reader(file)
+    if grid_reader is None:
+        return load_sounded(
+            file, crs=crs, positive=positive, depth_unit=depth_unit, columns=columns, cell_m=cell_m,
+            sigma_map_m=sigma_map_m, correlation_length_m=correlation_length_m, max_gap_m=max_gap_m,
+            align=align, origin=origin, report_residuals=False,
+        ).chart  # fmt: skip
+    if columns is not None or max_gap_m is not None or align:
+        raise ChartError(f"{file.name} is a grid: columns, max_gap_m and align are for soundings")
+    quality = _asked(sigma_map_m, correlation_length_m)
+    raster = grid_reader(file, crs=crs, positive=positive, depth_unit=depth_unit)
+    return chart_from_raster(raster, name=file.stem, cell_m=cell_m, origin=_place(origin), quality=quality)
+
+
+def load_sounded(
+    path: str | PathLike[str],
+    *,
+    crs: str | None = None,
+    positive: str | None = None,
+    depth_unit: str | None = None,
+    columns: str | Sequence[str] | None = None,
+    cell_m: float | None = None,
+    sigma_map_m: float | None = None,
+    correlation_length_m: float | None = None,
+    max_gap_m: float | None = None,
+    align: bool = False,
+    origin: Origin | tuple[float, float] | None = None,
+    report_residuals: bool = True,
+) -> Gridded:
+    """As `load_chart` of soundings, with what their residuals say beside the chart.
+
+    Args:
+        report_residuals: find them even where the chart's quality is given.
+        path, crs, positive, depth_unit, columns, cell_m, sigma_map_m, correlation_length_m, max_gap_m, align,
+            origin: see `load_chart`.
+
+    Raises:
+        ChartError: the file is a grid, or see `load_chart`.
+        MissingDependencyError: the extra `maps` is needed and not installed.
+    """
+    file = _file(path)
+    if _grid_reader(file) is not None:
+        raise ChartError(f"{file.name} is a grid: residuals come from soundings")
+    quality = _asked(sigma_map_m, correlation_length_m)
+    soundings = load_soundings(
+        file, crs=crs, positive=positive, depth_unit=depth_unit, columns=columns, origin=_place(origin)
+    )
+    return grid_and_judge(
+        soundings,
+        cell_m=cell_m,
+        max_gap_m=max_gap_m,
+        align=align,
+        quality=quality,
+        report_residuals=report_residuals,
+    )
+
+
+def _file(path: str | PathLike[str]) -> Path:
     file = Path(path)
     if not file.exists():
         raise ChartError(f"chart {file} does not exist")
@@ -71,34 +135,24 @@ def load_chart(
         raise ChartError(f"chart {file} is not a file")
     if file.stat().st_size == 0:
         raise ChartError(f"chart {file} is empty")
+    return file
+
+
+def _place(origin: Origin | tuple[float, float] | None) -> Origin | None:
+    return Origin(*origin) if isinstance(origin, tuple) else origin
+
+
+def _asked(sigma_map_m: float | None, correlation_length_m: float | None) -> Quality:
     for label, value in (("sigma_map_m", sigma_map_m), ("correlation_length_m", correlation_length_m)):
         if value is not None and not (np.isfinite(value) and value >= 0):
             raise ChartError(f"{label} {value} must be finite and at least 0 m")
-    if isinstance(origin, tuple):
-        origin = Origin(*origin)
-    quality = Quality(sigma_map_m, correlation_length_m)
+    return Quality(sigma_map_m, correlation_length_m)
+
+
+def _grid_reader(file: Path) -> Callable[..., Raster] | None:
+    """The reader of a grid, by the file's first bytes; None for anything else."""
     with file.open("rb") as stream:
         start = stream.read(8)
-    grid_reader = _grid_reader(file, start)
-    if grid_reader is None:
-        return read_soundings(
-            file,
-            crs=crs,
-            positive=positive,
-            depth_unit=depth_unit,
-            columns=columns,
-            cell_m=cell_m,
-            max_gap_m=max_gap_m,
-            origin=origin,
-            quality=quality,
-        )
-    if columns is not None or max_gap_m is not None:
-        raise ChartError(f"{file.name} is a grid: columns and max_gap_m are for soundings")
-    raster = grid_reader(file, crs=crs, positive=positive, depth_unit=depth_unit)
-    return chart_from_raster(raster, name=file.stem, cell_m=cell_m, origin=origin, quality=quality)
-
-
-def _grid_reader(file: Path, start: bytes) -> Callable[..., Raster] | None:
     if start.startswith(_TIFF) or start[:5].lower() == _ESRI_ASCII or file.suffix.lower() == ".bag":
         return read_geotiff
     return read_netcdf if start.startswith(_NETCDF) else None

@@ -5,12 +5,13 @@ from __future__ import annotations
 import gzip
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop.charts.gridding import grid_soundings
-from uwcoop.charts.raster import NO_PROJECTION, Quality, frame_for, horizontal
+from uwcoop.charts.gridding import Soundings
+from uwcoop.charts.raster import NO_PROJECTION, frame_for, horizontal
 from uwcoop.charts.vertical import Stated, depths_from
 from uwcoop.errors import ChartError
 from uwcoop.frames import crs_of
@@ -18,12 +19,10 @@ from uwcoop.missionlog.model import Origin
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
+    from os import PathLike
 
     import pandas as pd
     from numpy.typing import NDArray
-
-    from uwcoop.charts.chart import Chart
 
     Values = NDArray[np.float64]
 
@@ -34,6 +33,7 @@ _ROLES = {
     "north": {"n", "north", "northing", "y"},
     "depth": {"depth", "water depth", "z", "sounding", "elevation", "elev", "height", "altitude"},
     "survey": {"survey", "session", "track", "line", "day"},
+    "time": {"time", "t", "epoch", "seconds", "time s", "ms", "time ms"},
 }
 
 
@@ -46,24 +46,22 @@ class _Columns:
     notes: tuple[str, ...] = ()
 
 
-def read_soundings(
-    path: Path,
+def load_soundings(
+    path: str | PathLike[str],
     *,
-    crs: str | None,
-    positive: str | None,
-    depth_unit: str | None,
-    columns: str | Sequence[str] | None,
-    cell_m: float | None,
-    max_gap_m: float | None,
-    origin: Origin | None,
-    quality: Quality,
-) -> Chart:
-    """Read soundings and grid them; see `load_chart` for the arguments and `grid_soundings` for the method.
+    crs: str | None = None,
+    positive: str | None = None,
+    depth_unit: str | None = None,
+    columns: str | Sequence[str] | None = None,
+    origin: Origin | None = None,
+) -> Soundings:
+    """Read soundings as CSV or XYZ text (.gz); see `load_chart` for the arguments.
 
     Raises:
         ChartError: not text, columns that cannot be told apart, a cell that is not a number, positions that
-            are not positions, or see `depths_from` and `grid_soundings`.
+            are not positions, or see `depths_from`.
     """
+    path = Path(path)
     header, width, separator = _look(path)
     wanted = tuple(c.strip() for c in columns.split(",")) if isinstance(columns, str) else columns
     chosen = _choose(header, width, wanted, crs is not None and not _geographic(crs), path.name)
@@ -71,7 +69,7 @@ def read_soundings(
     numbers = {
         role: _numbers(table, place, chosen.label[role], header is not None)
         for role, place in chosen.place.items()
-        if role != "survey"
+        if role not in ("survey", "time")
     }
     known = np.all([np.isfinite(values) for values in numbers.values()], axis=0)
     if not known.any():
@@ -85,20 +83,34 @@ def read_soundings(
     positions = {role: values[known] for role, values in numbers.items() if role != "depth"}
     east, north, origin, frame_note = _local(positions, crs, origin)
     survey = table.iloc[:, chosen.place["survey"]].to_numpy()[known] if "survey" in chosen.place else None
+    time_s = None
+    if "time" in chosen.place:
+        time_s = _seconds(table.iloc[:, chosen.place["time"]].loc[known], chosen.label["time"], notes)
     wet = np.isfinite(depth)
-    return grid_soundings(
+    return Soundings(
         east[wet],
         north[wet],
         depth[wet],
-        cell_m=cell_m,
-        max_gap_m=max_gap_m,
-        survey=None if survey is None else survey[wet],
-        sigma_map_m=quality.sigma_map_m,
-        correlation_length_m=quality.correlation_length_m,
-        origin=origin,
-        name=path.name.split(".")[0],
-        notes=(*notes, *vertical_notes, *frame_note),
+        None if survey is None else survey[wet],
+        None if time_s is None else time_s[wet],
+        origin,
+        path.name.split(".")[0],
+        (*notes, *vertical_notes, *frame_note),
     )
+
+
+def _seconds(column: pd.Series[Any], label: str, notes: list[str]) -> Values | None:
+    """Times in seconds; None, and a note, where they cannot be told: soundings do without."""
+    import pandas as pd
+
+    numbers = pd.to_numeric(column, errors="coerce").to_numpy(dtype=np.float64)
+    if np.isfinite(numbers).all():
+        return numbers / 1000 if _MILLISECONDS.search(label.lower()) else numbers
+    stamps = pd.to_datetime(column.astype(str), errors="coerce", utc=True, format="ISO8601")
+    if stamps.isna().any():
+        notes.append(f"column {label!r} holds {stamps.isna().sum():,} cells that are no time: not used")
+        return None
+    return np.asarray((stamps - stamps.min()).dt.total_seconds(), dtype=np.float64)
 
 
 def _look(path: Path) -> tuple[list[str] | None, int, str]:
@@ -144,14 +156,17 @@ def _choose(
         raise ChartError(f"{name} has no column {absent[0]!r}: it has {', '.join(header)}")
     places = [by_name[column.lower()] for column in wanted]
     if len(wanted) >= 3 and any(_role(column) is None for column in wanted[:3]):
-        place = dict(zip(("east", "north", "depth", "survey"), places, strict=False))
+        place = dict(zip(("east", "north", "depth", "survey", "time"), places, strict=False))
         note = f"columns {', '.join(wanted[:3])} taken in the order east, north, depth"
         return _Columns(place, dict(zip(place, wanted, strict=False)), (note,))
     labels = [header[place] for place in places]
-    if len(labels) == 4 and _role(labels[3]) is None:
+    if len(labels) >= 4 and _role(labels[3]) is None:
         chosen = _by_role(labels[:3], places[:3], prefer_projected, name, positional=True)
+        extra = ("survey", "time")
         return _Columns(
-            chosen.place | {"survey": places[3]}, chosen.label | {"survey": labels[3]}, chosen.notes
+            chosen.place | dict(zip(extra, places[3:], strict=False)),
+            chosen.label | dict(zip(extra, labels[3:], strict=False)),
+            chosen.notes,
         )
     return _by_role(labels, places, prefer_projected, name, positional=True)
 
@@ -179,7 +194,7 @@ def _by_role(
     if len(complete) == 2:
         notes = (f"positions from {' and '.join(label[r] for r in complete[0])}; "
                  f"{' and '.join(label[r] for r in complete[1])} not used",)  # fmt: skip
-    kept = [*complete[0], "depth", *(["survey"] if "survey" in place else [])]
+    kept = [*complete[0], "depth", *(role for role in ("survey", "time") if role in place)]
     return _Columns({role: place[role] for role in kept}, {role: label[role] for role in kept}, notes)
 
 
@@ -188,6 +203,7 @@ def _role(label: str) -> str | None:
     return next((role for role, names in _ROLES.items() if bare in names), None)
 
 
+_MILLISECONDS = re.compile(r"(^|[ _([])ms\b|millisecond")
 _UNIT_SUFFIX = re.compile(r"[ _]*[\[(]?\b(m|meters?|metres?|ft|feet|foot|fathoms?|deg|degrees)[\])]?$")
 
 

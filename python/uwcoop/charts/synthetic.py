@@ -3,7 +3,8 @@
 `st-john` is like the waters around St John's Island, Singapore, where Tan, Chitre & Hover (2016) simulate: a
 shore platform, a slope, a deep basin filled flat by sediment, a winding channel, mounds, and patches of rough
 ground. About half the area tells a vehicle where it is within metres; over the rest it has to wait or ask.
-`poor-bay` has hardly any relief.
+`poor-bay` has hardly any relief. `charles-river` is like the basin of their section 6.1: small, flat, and patchy
+in places.
 """
 
 from __future__ import annotations
@@ -23,19 +24,24 @@ if TYPE_CHECKING:
     Grid = NDArray[np.float64]
 
 SIZE_M = 1000.0
+SIZES_M = {"charles-river": (500.0, 300.0)}
+"""East and north, where it is not `SIZE_M` squared."""
 CELL_M = 1.0
 SHALLOWEST_M = 0.5
 """A chart whose relief would bring the seabed above this depth is refused."""
 
 
-def synthetic(name: str, *, seed: int = 0, relief: float = 1.0, size_m: float = SIZE_M) -> Chart:
-    """A square synthetic chart with 1 m cells and its south-west corner at (0, 0), without error or holes.
+def synthetic(
+    name: str, *, seed: int = 0, relief: float = 1.0, size_m: float | tuple[float, float] | None = None
+) -> Chart:
+    """A synthetic chart with 1 m cells and its south-west corner at (0, 0), without error or holes.
 
     Args:
-        name: "st-john" or "poor-bay".
+        name: "st-john", "poor-bay" or "charles-river".
         seed: 0 or above; another seed is another seabed of the same kind.
         relief: factor on every depth's deviation from the mean depth; 0.15 makes a flat bay.
-        size_m: side, metres, 50 to 4000; below 1000 the corner of a chart of 1000 m.
+        size_m: side, or east and north, metres, each 50 to 4000; None: 1000, `charles-river` 500 by 300. Below
+            1000 the corner of a chart of 1000 m.
 
     Raises:
         ChartError: an unknown name or an argument outside its bounds.
@@ -46,11 +52,14 @@ def synthetic(name: str, *, seed: int = 0, relief: float = 1.0, size_m: float = 
         raise ChartError(f"synthetic chart seed {seed} must be at least 0")
     if not (np.isfinite(relief) and relief >= 0):
         raise ChartError(f"synthetic chart relief {relief} must be finite and at least 0")
-    if not 50 <= size_m <= 4000:
-        raise ChartError(f"synthetic chart size {size_m} m is outside 50 to 4000 m")
-    nodes, least = (round(side / CELL_M) + 1 for side in (size_m, SIZE_M))
-    depth = _MAKERS[name](np.random.default_rng(np.random.SeedSequence(seed)), max(nodes, least))
-    depth = depth[:nodes, :nodes]
+    sides = SIZES_M.get(name, (SIZE_M, SIZE_M)) if size_m is None else size_m
+    east_m, north_m = sides if isinstance(sides, tuple) else (sides, sides)
+    for side in (east_m, north_m):
+        if not 50 <= side <= 4000:
+            raise ChartError(f"synthetic chart size {side} m is outside 50 to 4000 m")
+    columns, rows, least = (round(side / CELL_M) + 1 for side in (east_m, north_m, SIZE_M))
+    depth = _MAKERS[name](np.random.default_rng(np.random.SeedSequence(seed)), max(columns, rows, least))
+    depth = depth[:rows, :columns]
     mean = float(depth.mean())
     depth = mean + relief * (depth - mean)
     if depth.min() < SHALLOWEST_M:
@@ -88,7 +97,19 @@ def _poor_bay(rng: np.random.Generator, nodes: int) -> Grid:
     return np.asarray(15.0 + relief + 0.07 * detail / np.abs(detail).max())
 
 
-_MAKERS: dict[str, Callable[[np.random.Generator, int], Grid]] = {"st-john": _st_john, "poor-bay": _poor_bay}
+def _charles_river(rng: np.random.Generator, nodes: int) -> Grid:
+    """Flat mud about 6 m deep with a faint undulation; in patches relief of decimetres at 12-70 m."""
+    basin = 6.0 + 0.15 * _spectral(rng, nodes, 200.0, 700.0, 2.0)
+    mud = 0.03 * _spectral(rng, nodes, 20.0, 120.0, 1.5)
+    rough = 0.35 * _patches(rng, nodes, 160.0) * _spectral(rng, nodes, 12.0, 70.0, 1.3)
+    return np.asarray(basin + mud + rough)
+
+
+_MAKERS: dict[str, Callable[[np.random.Generator, int], Grid]] = {
+    "st-john": _st_john,
+    "poor-bay": _poor_bay,
+    "charles-river": _charles_river,
+}
 
 
 def _spectral(

@@ -9,6 +9,7 @@ import typer
 
 from uwcoop.cli.options import (
     ChartFileOption,
+    FiguresOption,
     FolderOption,
     JsonOption,
     NavigatorsOption,
@@ -19,6 +20,7 @@ from uwcoop.cli.options import (
 from uwcoop.cli.terminal import (
     OneLineErrors,
     names_of,
+    needs_folder,
     print_notes,
     print_run,
     progress,
@@ -190,6 +192,7 @@ def run(
             min=0, max=256, metavar="N", help="Navigators side by side, 0: all cores. Same results for any."
         ),
     ] = 1,
+    figures: FiguresOption = False,
 ) -> None:
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
     from uwcoop.navigators import NAVIGATORS
@@ -197,6 +200,7 @@ def run(
     from uwcoop.run import run as replay
 
     names = names_of(navigator) or None
+    needs_folder(figures, output, "--figures")
     if output is not None:
         refuse_file(output)
     with progress(f"opening {mission}", len(names or NAVIGATORS)) as step:
@@ -212,7 +216,7 @@ def run(
         )
     print_notes(result.log)
     if output is not None:
-        files = write_run(result, output, say)
+        files = write_run(result, output, say, figures=figures)
     print_run(result, terminal(err=as_json))
     if output is not None:
         say_written(files, output)
@@ -243,15 +247,16 @@ def study(
     processes: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="At most so many at a time; else all cores.")
     ] = None,
+    figures: FiguresOption = False,
 ) -> None:
     """Many missions, the same for every navigator and variant: consistency and accuracy over all of them."""
-    from uwcoop.output import summary_text
+    from uwcoop.output import summary_text, write_study_figures
     from uwcoop.report import study_table
     from uwcoop.scenario import alternatives
     from uwcoop.study import study as compare
 
-    if resume and output is None:
-        raise typer.BadParameter("needs the folder of the study: -o DIR", param_hint="--resume")
+    needs_folder(resume, output, "--resume")
+    needs_folder(figures, output, "--figures")
     varied = [alternatives(text) for text in vary or ()]
     with progress(f"flying {scenario}", None) as step:
         result = compare(
@@ -264,12 +269,17 @@ def study(
             processes=processes,
             overrides=settings or (),
             first_seed=first_seed,
+            keep_errors=figures,
             progress=lambda done, total: step("missions flown", done, total),
         )
     table = study_table(result.summary, settle_s=result.settle_s, vehicles=result.vehicles)
     terminal(err=as_json).print(table)
     if output is not None:
-        say_written(["summary.json", "runs.csv", "study.json"], output)
+        files = ["summary.json", "runs.csv", "study.json"]
+        if figures:
+            files += ["errors.nc"] if result.errors is not None else []
+            files += write_study_figures(result, output, say)
+        say_written(files, output)
     if as_json:
         typer.echo(summary_text(result.summary))
 

@@ -43,3 +43,6 @@ FolderOption = Annotated[
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the content of summary.json on stdout, and nothing else there.")
 ]
+FiguresOption = Annotated[
+    bool, typer.Option("--figures", help="Draw further pictures into DIR, those that the data allow.")
+]

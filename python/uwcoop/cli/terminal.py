@@ -54,6 +54,12 @@ def fail(message: str) -> NoReturn:
     raise typer.Exit(2)
 
 
+def needs_folder(wanted: bool, folder: Path | None, option: str) -> None:
+    """Refuse an option that has no meaning without a folder."""
+    if wanted and folder is None:
+        raise typer.BadParameter("needs the folder of the results: -o DIR", param_hint=option)
+
+
 def say_written(files: Sequence[str], folder: Path) -> None:
     """Which files are in a folder now."""
     say(f"wrote {folder}: {', '.join(files)}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop import metrics
-from uwcoop.figures.map import DPI, OKABE_ITO, _matplotlib_figure
+from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -37,7 +37,7 @@ def errors_figure(tracks: xr.Dataset, packets: Packets | None = None) -> Figure:
     off the chart. The error axis is logarithmic when the navigators differ by more than a factor 12. Save
     with `figure.savefig(path)`; needs no display.
     """
-    figure_class = _matplotlib_figure()
+    figure_class = matplotlib_figure()
     navigators = [str(n) for n in tracks["navigator"].values]
     vehicles = [str(v) for v in tracks["vehicle"].values]
     arrivals = [_arrivals(tracks, packets, i) for i in range(len(navigators))]

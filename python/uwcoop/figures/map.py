@@ -42,12 +42,12 @@ def map_figure(tracks: xr.Dataset, chart: Chart) -> Figure:
     paths' size outside them; an estimate further out is cut at the edge, and the panel's note says by how
     much. Ellipses stand at ten instants. Save with `figure.savefig(path)`; needs no display.
     """
-    figure_class = _matplotlib_figure()
+    figure_class = matplotlib_figure()
     navigators = [str(n) for n in tracks["navigator"].values]
     columns = 2 if len(navigators) == 4 else min(len(navigators), 3)
     panel_rows = math.ceil(len(navigators) / columns)
     view = _view(tracks, chart)
-    backdrop = _backdrop(chart, view)
+    backdrop = chart_backdrop(chart, view)
     tall = float(np.clip((view[3] - view[2]) / (view[1] - view[0]), 0.35, 2.5))
     panel = _PANEL_INCH * max(1.0, 1.3 / columns)
     figure = figure_class(
@@ -60,7 +60,7 @@ def map_figure(tracks: xr.Dataset, chart: Chart) -> Figure:
         spare.set_axis_off()
     used = list(panels.flat[: len(navigators)])
     for i, (axes, navigator) in enumerate(zip(used, navigators, strict=True)):
-        _draw_chart(axes, backdrop)
+        draw_backdrop(axes, backdrop)
         _draw_paths(axes, tracks, i, view)
         axes.set(xlim=view[:2], ylim=view[2:], aspect="equal", title=navigator)
         axes.tick_params(labelsize=8)
@@ -81,7 +81,7 @@ def map_figure(tracks: xr.Dataset, chart: Chart) -> Figure:
 # ---------------------------------------------------------------------------------------------- chart
 
 
-class _Backdrop(NamedTuple):
+class Backdrop(NamedTuple):
     """The chart in the frame, thinned to what a panel can show: computed once, drawn in each panel."""
 
     depth_m: NDArray[np.float64]
@@ -91,7 +91,7 @@ class _Backdrop(NamedTuple):
     shading: Any
 
 
-def _backdrop(chart: Chart, view: tuple[float, float, float, float]) -> _Backdrop | None:
+def chart_backdrop(chart: Chart, view: tuple[float, float, float, float]) -> Backdrop | None:
     """Pale depths under soft hillshade, holes transparent; None where the frame shows none of the chart."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -108,7 +108,7 @@ def _backdrop(chart: Chart, view: tuple[float, float, float, float]) -> _Backdro
     rgba[..., :3] *= (0.82 + 0.18 * hillshade(depth, chart.cell_m * thin))[..., None]
     rgba[np.isnan(depth)] = (1, 1, 1, 0)
     step = chart.cell_m * thin
-    return _Backdrop(
+    return Backdrop(
         depth,
         chart.east0_m + chart.cell_m * j.start + step * np.arange(depth.shape[1]),
         chart.north0_m + chart.cell_m * i.start + step * np.arange(depth.shape[0]),
@@ -124,7 +124,7 @@ def _nodes(span: tuple[float, ...], origin_m: float, chart: Chart, axis: int) ->
     return slice(int(np.clip(math.floor(first), 0, size)), int(np.clip(math.ceil(last) + 1, 0, size)))
 
 
-def _draw_chart(axes: Axes, backdrop: _Backdrop | None) -> None:
+def draw_backdrop(axes: Axes, backdrop: Backdrop | None) -> None:
     """Shaded depths and thin contours, on hatching that shows where there is no chart."""
     axes.patch.set(facecolor="white", edgecolor="#bbbbbb", hatch="////", linewidth=0)
     if backdrop is None:
@@ -169,21 +169,21 @@ def depth_colormap() -> Any:
 
 def _view(tracks: xr.Dataset, chart: Chart) -> tuple[float, float, float, float]:
     """West, east, south, north of the common frame."""
-    truth = _finite(tracks["truth_position_m"].values)
-    estimate = _finite(tracks["position_m"].values)
+    truth = finite_points(tracks["truth_position_m"].values)
+    estimate = finite_points(tracks["position_m"].values)
     if len(truth):
         reach = 0.5 * float(np.ptp(truth, axis=0).max()) + 10 * chart.cell_m
         estimate = np.clip(estimate, truth.min(0) - reach, truth.max(0) + reach)
     points = np.vstack([truth, estimate])
     if not len(points):
         points = np.array([chart.extent[:2], chart.extent[2:]])
-    pad = 0.1 * float(np.ptp(points, axis=0).max()) + 3 * chart.cell_m
-    return (
-        float(points[:, 0].min() - pad),
-        float(points[:, 0].max() + pad),
-        float(points[:, 1].min() - pad),
-        float(points[:, 1].max() + pad),
-    )
+    return frame_around(points, 0.1 * float(np.ptp(points, axis=0).max()) + 3 * chart.cell_m)
+
+
+def frame_around(points: NDArray[np.float64], pad_m: float) -> tuple[float, float, float, float]:
+    """West, east, south, north of a frame around points (N, 2) with a margin."""
+    (west, south), (east, north) = points.min(0) - pad_m, points.max(0) + pad_m
+    return float(west), float(east), float(south), float(north)
 
 
 def _shows_no_chart(chart: Chart, view: tuple[float, float, float, float]) -> bool:
@@ -207,7 +207,7 @@ def _draw_paths(axes: Axes, tracks: xr.Dataset, navigator: int, view: tuple[floa
         covariance = tracks["covariance_m2"].values[navigator, j]
         axes.plot(*truth.T, color="#111111", lw=0.8, ls=(0, (4, 2.5)), zorder=3.2)
         axes.plot(*estimate.T, color=colour, lw=1.3, path_effects=halo, zorder=3)
-        at = _spread(estimate, 10)
+        at = spread_evenly(estimate, 10)
         for k in at:
             ring = ellipse(estimate[k], covariance[k])
             axes.plot(*ring.T, color=colour, lw=0.8, alpha=0.9, zorder=3.5)
@@ -256,7 +256,7 @@ def ellipse(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArr
     return np.asarray(mean + (axes @ circle).T)
 
 
-def _spread(path: NDArray[np.float64], count: int) -> NDArray[np.intp]:
+def spread_evenly(path: NDArray[np.float64], count: int) -> NDArray[np.intp]:
     """`count` indices evenly spread over the path's finite part, ends included."""
     finite = np.flatnonzero(np.isfinite(path).all(1))
     if not len(finite):
@@ -265,7 +265,7 @@ def _spread(path: NDArray[np.float64], count: int) -> NDArray[np.intp]:
 
 
 def _beyond(path: NDArray[np.float64], view: tuple[float, ...]) -> float:
-    finite = _finite(path)
+    finite = finite_points(path)
     if not len(finite):
         return 0.0
     outside = np.maximum(
@@ -274,7 +274,8 @@ def _beyond(path: NDArray[np.float64], view: tuple[float, ...]) -> float:
     return float(max(outside.max(), 0.0))
 
 
-def _finite(points: NDArray[np.float64]) -> NDArray[np.float64]:
+def finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Those of the points (..., 2) that are known, (N, 2)."""
     flat = points.reshape(-1, 2)
     return flat[np.isfinite(flat).all(1)]
 
@@ -304,7 +305,12 @@ def _legend(figure: Figure, tracks: xr.Dataset, holes: bool) -> None:
     )
 
 
-def _matplotlib_figure() -> type[Figure]:
+def matplotlib_figure() -> type[Figure]:
+    """The class of all pictures, which needs no display.
+
+    Raises:
+        MissingDependencyError: matplotlib is not installed.
+    """
     try:
         from matplotlib.figure import Figure
     except ImportError as missing:

@@ -94,6 +94,8 @@ class Spec:
     options: type[DriftOptions]
     fixed: Mapping[str, Any]
     make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator]
+    needs_bandwidth: bool = False
+    """Takes part by default only where the modem carries its packet."""
 
 
 def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
@@ -130,6 +132,7 @@ NAVIGATORS: dict[str, Spec] = {
         DmpfOptions,
         {"packet": "particles"},
         _dmpf,
+        needs_bandwidth=True,
     ),
     "terrain-only": Spec("dmpf without ranges.", DmpfOptions, {"use_ranges": False}, _dmpf),
     "ranging-only": Spec("dmpf without soundings.", DmpfOptions, {"use_terrain": False}, _dmpf),

@@ -1,39 +1,22 @@
-"""The `[acoustics]` table: modem, schedule, sound speed, clocks and losses."""
+"""The `[acoustics]` table: modem, schedule, ranging, sound speed, clocks, late arrivals and losses."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+import numpy as np
+from pydantic import Field, model_validator
 
-from uwcoop.scenario.base import NonNegative, Positive, Probability, Table
+from uwcoop.acoustics.sound import SALINITY_PSU, TEMPERATURE_C
+from uwcoop.scenario.base import NonNegative, Positive, Table
+from uwcoop.scenario.losses import IndependentLoss, Loss, NoLoss, named_vehicles
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["Acoustics", "Clock", "IndependentLoss", "Loss", "Mackenzie", "Modem", "NoLoss", "TwoWay"]
 
 Modem = Literal["micromodem-32", "micromodem-64", "micromodem-256", "aloc", "unlimited"]
-
-
-class NoLoss(Table):
-    """Every frame arrives."""
-
-    model: Literal["none"] = "none"
-
-
-class IndependentLoss(Table):
-    """Each frame is lost with the same probability, whatever happened to the others."""
-
-    model: Literal["independent"] = "independent"
-    probability: Probability
-
-
-def _loss_model(value: Any) -> str:
-    if isinstance(value, dict):
-        return str(value.get("model", "independent"))
-    return str(getattr(value, "model", "independent"))
-
-
-Loss = Annotated[
-    Annotated[NoLoss, Tag("none")] | Annotated[IndependentLoss, Tag("independent")],
-    Discriminator(_loss_model),
-]
 
 
 class Clock(Table):
@@ -42,6 +25,52 @@ class Clock(Table):
     offset_sigma_s: NonNegative = 0.0
     """At the start of the mission."""
     drift_sigma_ppm: NonNegative = 0.0
+
+
+class Mackenzie(Table):
+    """Sea water whose sound speed follows from temperature, salinity and depth (Mackenzie 1981)."""
+
+    model: Literal["mackenzie"]
+    temperature_c: Annotated[float, Field(ge=TEMPERATURE_C[0], le=TEMPERATURE_C[1])]
+    salinity_psu: Annotated[float, Field(ge=SALINITY_PSU[0], le=SALINITY_PSU[1])]
+
+
+class TwoWay(Table):
+    """What a poll costs. Used when ranging is "two-way"."""
+
+    poll_bytes: Annotated[int, Field(ge=1, le=64)] = 2
+    """A short signal of its own: who asks whom."""
+    turnaround_s: NonNegative = 0.1
+    """From the end of a poll to the earliest launch of the reply."""
+
+
+class ExponentialOutlier(Table):
+    """How much too long a range by another way is: small detours are the most frequent."""
+
+    distribution: Literal["exponential"] = "exponential"
+    mean: Positive = 20.0
+
+    def quantile(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Metres, below which this share of the outliers lies."""
+        return np.asarray(-self.mean * np.log1p(-share))
+
+
+class UniformOutlier(Table):
+    """How much too long a range by another way is: anything between two lengths."""
+
+    distribution: Literal["uniform"]
+    low: NonNegative
+    high: Positive
+
+    @model_validator(mode="after")
+    def _ascends(self) -> UniformOutlier:
+        if self.high <= self.low:
+            raise ValueError(f"high is {self.high:g}: must be above low, {self.low:g}")
+        return self
+
+    def quantile(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Metres, below which this share of the outliers lies."""
+        return np.asarray(self.low + (self.high - self.low) * share)
 
 
 class Acoustics(Table):
@@ -59,21 +88,35 @@ class Acoustics(Table):
     first_slot_s: NonNegative = 0.0
     packet_bytes: Annotated[int, Field(ge=1)] | None = None
     """The longest packet that must fit a slot; checked when the mission is simulated."""
+    ranging: Literal["one-way", "two-way"] = "one-way"
+    """one-way: everyone who hears a packet has its travel time, by clocks that agree. two-way: a slot holds a
+    poll by one teammate and the packet as its reply; the poller alone has the range, whatever the clocks."""
+    two_way: TwoWay = TwoWay()
     sound_speed_mps: Positive = 1500.0
     """What the navigators believe."""
+    sound_speed: Mackenzie | None = None
+    """The water's true sound speed; without it, what the navigators believe."""
     sound_speed_error_mps: float = 0.0
-    """True minus believed."""
+    """Added to the true one."""
     sound_speed_error_sigma_mps: NonNegative = 0.0
     """Added to it, drawn for each mission."""
     range_sigma_m: NonNegative = 1.0
-    """Of a one-way travel time, as a range."""
+    """Of a travel time (two-way: half a round trip), as a range."""
+    range_outlier_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of ranges that come by a longer way (multipath): late, never early."""
+    range_outlier_m: Annotated[ExponentialOutlier | UniformOutlier, Field(discriminator="distribution")] = (
+        ExponentialOutlier()
+    )
+    """By how much they are too long, metres."""
     loss: Loss = NoLoss()
+    losses: Annotated[tuple[Loss, ...], Field(strict=False)] = ()
+    """Further losses: a frame must survive them all."""
     clock: Clock = Clock()
 
     @model_validator(mode="after")
     def _sound_has_a_speed(self) -> Acoustics:
         true = self.sound_speed_mps + self.sound_speed_error_mps
-        if true <= 0:
+        if self.sound_speed is None and true <= 0:
             raise ValueError(f"sound_speed_mps + sound_speed_error_mps is {true:g} m/s: must be above 0")
         return self
 
@@ -81,3 +124,13 @@ class Acoustics(Table):
     def guard(self) -> float:
         """Silence at the end of a slot, seconds."""
         return self.guard_s if self.guard_s is not None else self.max_range_m / self.sound_speed_mps
+
+    @property
+    def all_losses(self) -> tuple[Loss, ...]:
+        """`loss` and `losses`."""
+        return (self.loss, *self.losses)
+
+    @property
+    def named_vehicles(self) -> dict[str, list[str]]:
+        """By key, the vehicles that this table names."""
+        return {"order": list(self.order), "losses": named_vehicles(self.all_losses)}

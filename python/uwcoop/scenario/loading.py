@@ -218,6 +218,11 @@ def _resolve_paths(table: dict[str, Any], folder: Path) -> None:
     source = chart.get("source") if isinstance(chart, dict) else None
     if isinstance(chart, dict) and isinstance(source, str) and not source.startswith(SYNTHETIC):
         chart["source"] = str(folder / source)
+    acoustics = table.get("acoustics")
+    given = [acoustics.get("loss"), acoustics.get("losses")] if isinstance(acoustics, dict) else []
+    for loss in [given[0], *given[1]] if given and isinstance(given[1], list) else given:
+        if isinstance(loss, dict) and isinstance(loss.get("file"), str):
+            loss["file"] = str(folder / loss["file"])
     vehicles = table.get("vehicles")
     for vehicle in vehicles if isinstance(vehicles, list) else []:
         track = vehicle.get("track") if isinstance(vehicle, dict) else None

@@ -113,5 +113,6 @@ class Scenario(Table):
         for key, named in self.acoustics.named_vehicles.items():
             for name in named:
                 if name not in names:
-                    raise ValueError(f"acoustics.{key} names {name!r}: no such vehicle, {nearest(name, names)}")
+                    hint = nearest(name, names)
+                    raise ValueError(f"acoustics.{key} names {name!r}: no such vehicle, {hint}")
         return self

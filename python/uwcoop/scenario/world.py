@@ -1,4 +1,4 @@
-"""Tables of the world around the vehicles: water current and tide."""
+"""Tables of the world around the vehicles: water current, tide and waves."""
 
 from __future__ import annotations
 
@@ -59,3 +59,17 @@ class Tide(Table):
     """The principal lunar tide, 12.42 hours."""
     phase_deg: float = 0.0
     """At the start of the mission; 0 is mean water, rising."""
+
+
+class Waves(Table):
+    """Waves that wash vehicles to and fro, each in a phase of its own, while the command knows only the plan.
+
+    Recorded tracks hold their own waves: these are for planned paths.
+    """
+
+    amplitude_m: NonNegative = 0.0
+    """Of the sinusoid about the planned track."""
+    period_s: Annotated[float, Field(ge=4)] = 12.0
+    """At least four seconds: the world moves in steps of one."""
+    direction_deg: float | None = None
+    """The axis of the motion, clockwise from north; without it, across each vehicle's track."""

@@ -266,6 +266,7 @@ impl Radio {
             return Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes });
         }
         self.sequencer.take()?;
+        self.heard = HeardBitmap::default();
         Ok(bytes.into())
     }
 

@@ -55,11 +55,11 @@ impl PacketKind {
     }
 }
 
-/// Whom the sender heard: bit v is set when it accepted the packet that vehicle v sent in v's last slot before this
-/// packet's launch. The sender's own bit stays zero.
+/// Whom the sender heard: bit v is set when it accepted a packet of vehicle v since its own previous packet. The sender's
+/// own bit stays zero.
 ///
-/// Which slot that is follows from the slot table that everyone holds, so one bit per teammate acknowledges.
-/// Navigators that must know about older packets add an [`AckBitmap`](crate::link::AckBitmap) to their body.
+/// In a round robin that is v's last slot, so one bit per teammate acknowledges. Navigators that must know about older
+/// packets add an [`AckBitmap`](crate::link::AckBitmap) to their body.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct HeardBitmap(u16);
 

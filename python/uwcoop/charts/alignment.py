@@ -1,0 +1,215 @@
+"""Segments of surveys shifted until crossing soundings agree.
+
+A receiver's position error holds for minutes, and tide and draught for longer: soundings of one quarter of an
+hour err together, by up to fifteen metres and some decimetres. Each such segment gets one shift (east, north,
+down). One segment after the other is laid on the chart of all others: over a disc of shifts, the one with the
+best agreement is
+
+    min over s of  n Σ_i w ln(1 + (r_i(s) − m(s))² / (ν σ²)) (ν + 1)/2 + |s|²/(2 σ_s²),   r_i(s) = z_i − h(p_i + s),
+
+with m the median (the shift down), n the number of places of ten metres that the segment touches (neighbouring
+soundings say the same) and w = 1/(number of soundings). Sweeps over all segments repeat until none moves. What
+all segments share cannot be seen and stays: their mean shift is zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from uwcoop.charts.chart import bilinear_depth
+from uwcoop.charts.surface import distance, linear_near, medians, robust_sd
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from uwcoop.charts.surface import Triples, Values
+
+    Segments = NDArray[np.intp]
+
+SEGMENT_S = 900.0
+"""A survey's shift is taken as constant over so many seconds."""
+FARTHEST_M = 15.0
+"""Shifts beyond this are not looked for."""
+SIGMA_SHIFT_M = 5.0
+"""Standard deviation of a shift on each axis, before anything is known."""
+_STEP_M = 3.0
+_POLISH_M = (1.5, 0.75, 0.4)
+_SWEEPS = 4
+_STILL_M = 0.5
+_DOF = 4.0
+_LEAST_SIGMA_M = 0.02
+_LEAST_OVERLAP = 30
+_OVERLAP_SHARE = 0.6
+_MOST_SEARCHED = 500
+_PLACE_M = 10.0
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """What was added to each segment's positions and depths."""
+
+    segment: Segments
+    """(N,) segment of each sounding, from 0."""
+    shift_m: Values
+    """(K, 3) east, north and down."""
+    before_m: float
+    """Robust standard deviation of soundings against the other segments' chart as they were."""
+    after_m: float
+    """The same after the shifts."""
+
+    def applied(self, soundings: Triples) -> Triples:
+        """Soundings with their segments' shifts."""
+        e, n, z = (
+            values + moved for values, moved in zip(soundings, self.shift_m[self.segment].T, strict=True)
+        )
+        return e, n, z
+
+    @property
+    def note(self) -> str:
+        """One sentence."""
+        largest = float(np.hypot(*self.shift_m[:, :2].T).max())
+        return (
+            f"{len(self.shift_m)} segments of {SEGMENT_S:g} s shifted by up to {largest:.1f} m: soundings against "
+            f"the other segments' chart from {self.before_m:.2g} to {self.after_m:.2g} m (robust)"
+        )
+
+
+def segments_of(survey: ArrayLike | None, time_s: ArrayLike | None, count: int) -> Segments:
+    """Segment of each of `count` soundings, (N,): every 900 s of each survey is one, numbered from 0.
+
+    Without times, a sounding a second in the order given.
+    """
+    labels = np.zeros(count, dtype=np.intp)
+    if survey is not None:
+        labels = np.unique(np.asarray(survey).astype(str), return_inverse=True)[1].astype(np.intp)
+    quarter = np.zeros(count, dtype=np.int64)
+    for k in range(int(labels.max()) + 1):
+        members = np.flatnonzero(labels == k)
+        seconds = (
+            np.arange(members.size, dtype=np.float64)
+            if time_s is None
+            else np.asarray(time_s, dtype=np.float64)[members]
+        )
+        quarter[members] = (seconds - seconds.min()) // SEGMENT_S
+    pairs = np.column_stack([labels, quarter])
+    return np.asarray(np.unique(pairs, axis=0, return_inverse=True)[1]).ravel().astype(np.intp)
+
+
+def align_segments(soundings: Triples, segment: Segments, *, cell_m: float, max_gap_m: float) -> Alignment:
+    """One shift for each segment.
+
+    Args:
+        soundings: eastings, northings and depths, (N,) metres.
+        segment: (N,) numbers from 0, as `segments_of` gives them.
+        cell_m: medians of cells of this size make the surface of the other segments.
+        max_gap_m: that surface reaches no farther from a sounding.
+    """
+    count = int(segment.max()) + 1
+    members = [np.flatnonzero(segment == k) for k in range(count)]
+    original = np.stack(soundings, axis=1)
+    moved = original.copy()
+    shift = np.zeros((count, 3))
+    before: list[Values] = []
+    sigma = np.inf
+    for sweep in range(_SWEEPS):
+        was = shift.copy()
+        residuals = []
+        for k, own in enumerate(members):
+            surface = _Surface.around(original[own], np.delete(moved, own, axis=0), cell_m, max_gap_m)
+            if surface is None:
+                continue
+            start = surface.residual(original[own], shift[k])
+            if np.isfinite(start).sum() < _LEAST_OVERLAP:
+                continue
+            if sweep == 0:
+                before.append(start[np.isfinite(start)])
+            scale = min(sigma, robust_sd(start[np.isfinite(start)]))
+            shift[k] = _best_shift(surface, original[own], shift[k], max(scale, _LEAST_SIGMA_M))
+            moved[own] = original[own] + shift[k]
+            end = surface.residual(original[own], shift[k]) + shift[k, 2]
+            residuals.append(end[np.isfinite(end)])
+        if not residuals:
+            return Alignment(segment, shift, np.nan, np.nan)
+        sigma = robust_sd(np.concatenate(residuals))
+        shift -= np.average(shift, axis=0, weights=[own.size for own in members])
+        moved = original + shift[segment]
+        if np.abs(shift - was)[:, :2].max() < _STILL_M:
+            break
+    return Alignment(segment, shift, robust_sd(np.concatenate(before)), sigma)
+
+
+@dataclass(frozen=True)
+class _Surface:
+    """The chart of the others around one segment, for lookups by the thousand."""
+
+    grid: Values
+    east0_m: float
+    north0_m: float
+    cell_m: float
+
+    @classmethod
+    def around(cls, own: Values, others: Values, cell_m: float, max_gap_m: float) -> _Surface | None:
+        """None where no others are near."""
+        low, high = own[:, :2].min(axis=0) - FARTHEST_M - cell_m, own[:, :2].max(axis=0) + FARTHEST_M + cell_m
+        reach = max_gap_m + cell_m
+        near = np.all((others[:, :2] > low - reach) & (others[:, :2] < high + reach), axis=1)
+        if np.count_nonzero(near) < _LEAST_OVERLAP:
+            return None
+        e, n = np.meshgrid(*(np.arange(a, b + cell_m, cell_m) for a, b in zip(low, high, strict=True)))
+        # Only nodes that the segment can reach: a long line's box is mostly empty.
+        reachable = _within(own[:, :2], (e, n), FARTHEST_M + 2 * cell_m)
+        grid = np.full(e.shape, np.nan)
+        known = medians(others[near, 0], others[near, 1], others[near, 2], cell_m)
+        grid[reachable] = linear_near(known, (e[reachable], n[reachable]), max_gap_m)
+        return cls(grid, float(low[0]), float(low[1]), cell_m) if np.isfinite(grid).any() else None
+
+    def residual(self, own: Values, shift: Values) -> Values:
+        """Depths less the surface at the shifted positions, (n,); NaN where there is none."""
+        at = own[:, :2] + shift[:2]
+        return np.asarray(own[:, 2] - bilinear_depth(self.grid, self.east0_m, self.north0_m, self.cell_m, at))
+
+
+def _within(points: Values, at: tuple[Values, Values], reach_m: float) -> NDArray[np.bool_]:
+    """Which places lie within `reach_m` of one of the points."""
+    return np.asarray(np.isfinite(distance((points[:, 0], points[:, 1]), at, reach_m)))
+
+
+def _best_shift(surface: _Surface, own: Values, start: Values, sigma_m: float) -> Values:
+    """The shift (east, north, down) at which one segment agrees best with the surface."""
+    thinned = own[:: -(-len(own) // _MOST_SEARCHED)]
+    places = len(np.unique(np.floor(thinned[:, :2] / _PLACE_M), axis=0))
+    offsets = np.arange(-FARTHEST_M, FARTHEST_M + _STEP_M / 2, _STEP_M)
+    grid = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
+    candidates = np.vstack([start[None, :2], grid[np.hypot(*grid.T) <= FARTHEST_M]])
+    tried = [_score(surface.residual(thinned, s), s, sigma_m, places) for s in candidates]
+    most = max(found for _, found in tried)
+    costs = [cost if found >= _OVERLAP_SHARE * most else np.inf for cost, found in tried]
+    best, cost = candidates[int(np.argmin(costs))], min(costs)
+    ring = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1) if (a, b) != (0, 0)])
+    for step in _POLISH_M:
+        while True:
+            around = best + step * ring
+            tried = [_score(surface.residual(thinned, s), s, sigma_m, places) for s in around]
+            costs = [
+                c if found >= _OVERLAP_SHARE * most and np.hypot(*s) <= FARTHEST_M else np.inf
+                for (c, found), s in zip(tried, around, strict=True)
+            ]
+            if min(costs) >= cost:
+                break
+            best, cost = around[int(np.argmin(costs))], min(costs)
+    residual = surface.residual(own, best)
+    return np.array([*best, -np.median(residual[np.isfinite(residual)])])
+
+
+def _score(residual: Values, shift: Values, sigma_m: float, places: int) -> tuple[float, int]:
+    """Negative log-posterior of a shift, and how many soundings it rests on."""
+    known = residual[np.isfinite(residual)]
+    if not known.size:
+        return np.inf, 0
+    misfit = (known - np.median(known)) / sigma_m
+    fit = (_DOF + 1) / 2 * float(np.mean(np.log1p(misfit**2 / _DOF)))
+    prior = float(shift[0] ** 2 + shift[1] ** 2) / (2 * SIGMA_SHIFT_M**2)
+    return places * fit + prior, known.size

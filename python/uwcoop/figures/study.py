@@ -1,0 +1,60 @@
+"""The pictures of a study: which its data allow, and why the others are not drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from uwcoop.errors import TracksError
+from uwcoop.figures.averages import MOST_VARIANTS, errors_over_time_figure
+from uwcoop.figures.boxes import boxes_figure
+from uwcoop.figures.information import information_figure
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from matplotlib.figure import Figure
+
+NO_TRACES = "no errors over time are stored: the missions were flown without --figures"
+
+
+def study_figures(
+    rows: Sequence[Mapping[str, Any]],
+    keys: Sequence[str] = (),
+    traces: xr.Dataset | None = None,
+    *,
+    title: str,
+    settle_s: float,
+) -> Iterator[tuple[str, Figure | str]]:
+    """File name and picture of each, or the reason why it is not drawn; made one by one as they are asked for.
+
+    `boxes.png`, `errors_over_time.png` (and `errors_over_time-2.png` … for every further four variants) and
+    `information.png`. Pictures of one mission (`covariance.png`, `traffic.png`) are a run's.
+
+    Args:
+        rows: `metrics.ROW_COLUMNS` and the varied keys.
+        keys: dotted keys that are varied.
+        traces: what `uwcoop.traces.gather` gives.
+        title: scenario.
+        settle_s: errors count from here on, s.
+    """
+    yield "boxes.png", _or_reason(lambda: boxes_figure(rows, keys, title=title, settle_s=settle_s))
+    if traces is None:
+        yield "errors_over_time.png", NO_TRACES
+        yield "information.png", NO_TRACES
+        return
+    for first in range(0, traces.sizes["variant"], MOST_VARIANTS):
+        part = traces.isel(variant=slice(first, first + MOST_VARIANTS))
+        page = f"-{first // MOST_VARIANTS + 1}" if first else ""
+        yield (
+            f"errors_over_time{page}.png",
+            _or_reason(lambda p=part: errors_over_time_figure(p, title=title)),
+        )
+    yield "information.png", _or_reason(lambda: information_figure(traces, title=title))
+
+
+def _or_reason(draw: Any) -> Figure | str:
+    try:
+        figure: Figure = draw()
+    except TracksError as reason:
+        return str(reason)
+    return figure
