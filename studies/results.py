@@ -157,6 +157,22 @@ def real_soundings(runs: int | None) -> str:
     return text
 
 
+def speed() -> str:
+    """The side-by-side comparison with NumPy, as it prints itself."""
+    script = ROOT / "benches" / "python" / "side_by_side.py"
+    done = subprocess.run(
+        [sys.executable, str(script)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "COLUMNS": "130", "NO_COLOR": "1"},
+    )
+    return (
+        "## Speed\n\nThread CPU time, least of many repeats, alternated in one process: the ratios count.\n\n"
+        f"```console\npython benches/python/side_by_side.py\n```\n\n```text\n{done.stdout.strip()}\n```\n"
+    )
+
+
 def main() -> None:
     """Runs everything and writes the page whole."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -168,11 +184,8 @@ def main() -> None:
         print(study.title, file=sys.stderr)
         page.append(section(study, runs))
     page.append(real_soundings(runs))
-    target = ROOT / "docs" / "results.md"
-    bench = target.with_name("results-bench.md")
-    if bench.is_file():
-        page.append(bench.read_text())
-    target.write_text("\n".join(page))
+    page.append(speed())
+    (ROOT / "docs" / "results.md").write_text("\n".join(page))
 
 
 if __name__ == "__main__":
