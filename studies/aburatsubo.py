@@ -28,9 +28,9 @@ duration_s = {duration_s}
 
 [chart]
 source = "chart.csv"
-columns = "lat,lon,depth"
+columns = "lat,lon,depth,survey,time_s"
 cell_m = 2.0
-
+{align}
 [drift]
 preset = "{drift}"
 
@@ -96,17 +96,22 @@ def teams(reference: Path, size: int = 3) -> list[list[str]]:
     return [names[k : k + size] for k in range(0, len(names) - size + 1, size)]
 
 
-def write_team(reference: Path, team: list[str], folder: Path, drift: str = "dvl") -> Path:
-    """Writes chart, tracks and scenario of one team; returns the scenario's path."""
+def write_team(
+    reference: Path, team: list[str], folder: Path, drift: str = "dvl", *, align: bool = False
+) -> Path:
+    """Writes chart, tracks and scenario of one team; returns the scenario's path.
+
+    The other days judge each other: their residuals give the chart's sigma and correlation length.
+    """
     everything = sessions(reference)
     days = {name[:8] for name in team}
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / "chart.csv").open("w", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(["lat", "lon", "depth"])
+        writer.writerow(["lat", "lon", "depth", "survey", "time_s"])
         for name, rows in everything.items():
             if name[:8] not in days:
-                writer.writerows([r["lat"], r["lon"], r["z"]] for r in rows)
+                writer.writerows([r["lat"], r["lon"], r["z"], name[:8], int(r["ms"]) / 1000] for r in rows)
     vehicles = ""
     for name in team:
         rows = stretch(everything[name])
@@ -127,6 +132,7 @@ def write_team(reference: Path, team: list[str], folder: Path, drift: str = "dvl
             duration_s=DURATION_S,
             drift=drift,
             sigma_m=SIGMA_SOUNDING_M,
+            align="align = true\n" if align else "",
         )
         + vehicles
     )

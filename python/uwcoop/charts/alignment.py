@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.charts.chart import bilinear_depth
-from uwcoop.charts.surface import distance, linear_near, medians, robust_sd
+from uwcoop.charts.surface import distance, medians, robust_sd, spatial
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -45,6 +45,9 @@ _LEAST_OVERLAP = 30
 _OVERLAP_SHARE = 0.6
 _MOST_SEARCHED = 500
 _PLACE_M = 10.0
+_NEIGHBOURS = 10
+_PLANE_REACH_M = 4.0
+_RIDGE_M2 = 2.0
 
 
 @dataclass(frozen=True)
@@ -162,14 +165,47 @@ class _Surface:
         # Only nodes that the segment can reach: a long line's box is mostly empty.
         reachable = _within(own[:, :2], (e, n), FARTHEST_M + 2 * cell_m)
         grid = np.full(e.shape, np.nan)
-        known = medians(others[near, 0], others[near, 1], others[near, 2], cell_m)
-        grid[reachable] = linear_near(known, (e[reachable], n[reachable]), max_gap_m)
+        grid[reachable] = _planes(
+            medians(others[near, 0], others[near, 1], others[near, 2], cell_m),
+            np.column_stack([e[reachable], n[reachable]]),
+            max_gap_m,
+        )
         return cls(grid, float(low[0]), float(low[1]), cell_m) if np.isfinite(grid).any() else None
 
     def residual(self, own: Values, shift: Values) -> Values:
         """Depths less the surface at the shifted positions, (n,); NaN where there is none."""
         at = own[:, :2] + shift[:2]
         return np.asarray(own[:, 2] - bilinear_depth(self.grid, self.east0_m, self.north0_m, self.cell_m, at))
+
+
+def _planes(known: Triples, at: Values, max_gap_m: float) -> Values:
+    """Depth at places (M, 2) by a plane through the nearest soundings, (M,); NaN where none is near.
+
+    Triangles would do, but finding them for thousands of places of a hundred segments takes minutes.
+    """
+    e, n, z = known
+    apart, index = (
+        spatial().cKDTree(np.column_stack([e, n])).query(at, k=_NEIGHBOURS, distance_upper_bound=max_gap_m)
+    )
+    found = np.isfinite(apart)
+    index = np.where(found, index, 0)
+    weight = np.where(found, np.exp(-0.5 * (np.where(found, apart, 0.0) / _PLANE_REACH_M) ** 2), 0.0)
+    total = np.maximum(weight.sum(axis=1), 1e-12)
+    x, y, depth = (
+        np.where(found, a[index] - b[:, None], 0.0)
+        for a, b in ((e, at[:, 0]), (n, at[:, 1]), (z, 0 * at[:, 0]))
+    )
+    mean = [(weight * a).sum(axis=1) / total for a in (x, y, depth)]
+    dx, dy, dz = (a - m[:, None] for a, m in zip((x, y, depth), mean, strict=True))
+    xx, yy, xy, xz, yz = (
+        (weight * a * b).sum(axis=1) for a, b in ((dx, dx), (dy, dy), (dx, dy), (dx, dz), (dy, dz))
+    )
+    # Soundings on one line do not tell the slope across it: a little ridge leaves that level.
+    xx, yy = xx + _RIDGE_M2, yy + _RIDGE_M2
+    scale = xx * yy - xy**2
+    slope = (yy * xz - xy * yz) / scale, (xx * yz - xy * xz) / scale
+    plane = mean[2] - slope[0] * mean[0] - slope[1] * mean[1]
+    return np.asarray(np.where(found[:, 0], plane, np.nan))
 
 
 def _within(points: Values, at: tuple[Values, Values], reach_m: float) -> NDArray[np.bool_]:

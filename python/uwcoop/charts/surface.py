@@ -33,7 +33,8 @@ def linear(known: Triples, at: tuple[Values, Values]) -> Values:
     if inside.any():
         # Metres both ways: rescaling would change which soundings are neighbours.
         surface = verde().Linear(rescale=False).fit((e, n), z)
-        result[inside] = surface.predict((at[0][inside], at[1][inside]))
+        with _one_thread():
+            result[inside] = surface.predict((at[0][inside], at[1][inside]))
     return result
 
 
@@ -59,6 +60,14 @@ def hull(east: Values, north: Values) -> Any:
         return spatial().ConvexHull(np.column_stack([east, north]))
     except spatial().QhullError as error:
         raise ChartError("soundings lie on one line: a chart needs soundings across it too") from error
+
+
+def _one_thread() -> Any:
+    """A context in which linear algebra uses one thread: one 2 x 2 matrix per triangle is solved, and threads
+    that wait for each other make that a hundred times slower on a busy machine."""
+    from threadpoolctl import threadpool_limits  # comes with verde's scikit-learn
+
+    return threadpool_limits(limits=1, user_api="blas")
 
 
 def robust_sd(values: Values) -> float:

@@ -118,8 +118,8 @@ def covariance_figure(
 def magnification(semi_axes_m: Floats, navigator: Floats, size_m: float) -> float:
     """The largest of `MAGNIFICATIONS` that keeps ellipses apart.
 
-    With it nine in ten ellipses stay below a fifth of the frame's size, and the typical one of the navigator
-    with the smallest below a twentieth; the smallest factor if none does.
+    With it nine in ten ellipses stay below 15 % of the frame's size, and the typical one of the navigator
+    with the smallest below 5 %, but no smaller than 1 %: the others are then cut by the frame.
 
     Args:
         semi_axes_m: major semi-axis of each ellipse, (N,).
@@ -130,7 +130,8 @@ def magnification(semi_axes_m: Floats, navigator: Floats, size_m: float) -> floa
         return 1
     smallest = min(float(np.median(semi_axes_m[navigator == n])) for n in np.unique(navigator))
     usual_most = float(np.quantile(semi_axes_m, 0.9))
-    factor = min(0.2 * size_m / max(usual_most, 1e-9), 0.05 * size_m / max(smallest, 1e-9))
+    factor = min(0.15 * size_m / max(usual_most, 1e-9), 0.05 * size_m / max(smallest, 1e-9))
+    factor = max(factor, 0.01 * size_m / max(smallest, 1e-9))
     return max([m for m in MAGNIFICATIONS if m <= factor], default=MAGNIFICATIONS[0])
 
 
@@ -140,14 +141,14 @@ def _shown(tracks: xr.Dataset, names: Sequence[str] | None) -> list[int]:
         if unknown := [name for name in names if name not in every]:
             raise TracksError(f"the tracks hold no navigator {unknown[0]!r}: they hold {', '.join(every)}")
         return [every.index(name) for name in names]
-    hears = tracks["heard"].values.any((1, 2))
+    hears = np.asarray(tracks["heard"].values.any((1, 2)))
     return sorted(sorted(range(len(every)), key=lambda i: not hears[i])[:MOST_NAVIGATORS])
 
 
 def _centres(tracks: xr.Dataset, shown: Sequence[int]) -> Floats:
     """True paths (vehicle, time, 2); the first shown navigator's estimates of vehicles without truth."""
     truth = tracks["truth_position_m"].values.astype(np.float64)
-    known = np.isfinite(truth).any((1, 2))
+    known = np.asarray(np.isfinite(truth).any((1, 2)))
     return np.where(known[:, None, None], truth, tracks["position_m"].values[shown[0]])
 
 
@@ -162,8 +163,8 @@ def _draw_map(
     axes = part.subplots()
     covariance = tracks["covariance_m2"].values
     places = [(i, j, k) for i in shown for j in range(len(at)) for k in at[j]]
-    semi = np.array([_semi_axis(covariance[place]) for place in places])
-    finite = np.asarray(np.isfinite(semi))
+    semi: Floats = np.array([_semi_axis(covariance[place]) for place in places])
+    finite = semi < np.inf  # false for NaN
     path = finite_points(centre)
     size = float(np.ptp(path, axis=0).max()) if len(path) else 1.0
     factor = magnification(semi[finite], np.array([p[0] for p in places])[finite], size)
@@ -181,7 +182,7 @@ def _draw_map(
         axes.plot(*ring.T, color=OKABE_ITO[i % 8], lw=1.5, ls=LINE_STYLES[i % 5], zorder=3.5)
     axes.set(xlim=view[:2], ylim=view[2:], aspect="equal", xlabel="east (m)", ylabel="north (m)")
     around = "true positions" if np.isfinite(tracks["truth_position_m"].values).any() else "estimates"
-    larger = "" if factor == 1 else f", drawn {factor:g} times as large"
+    larger = "" if factor == 1 else f", drawn × {factor:g}"
     axes.set_title(f"95 % ellipses around the {around}{larger}", fontsize=10)
     if backdrop is not None:
         bar = part.colorbar(backdrop.shading, ax=axes, shrink=0.6, pad=0.02, aspect=30)

@@ -67,7 +67,7 @@ def information_figure(tracks: xr.Dataset, *, title: str) -> Figure:
     else:
         axes.set_ylim(0, 1.1 * float(np.quantile(np.concatenate(errors), 0.995)))
     told = np.concatenate([gain.information_nat for gain in gains])
-    low, high = np.quantile(told, [0.002, 0.998])
+    low, high = np.quantile(told, [0.005, 0.99])
     pad = 0.04 * max(float(high - low), 1e-3)
     axes.set_xlim(float(low) - pad, float(high) + pad)
     axes.grid(alpha=0.3, lw=0.6)
@@ -82,7 +82,8 @@ def information_figure(tracks: xr.Dataset, *, title: str) -> Figure:
         frameon=False,
         handlelength=3,
     )
-    figure.suptitle(f"{title}: information gain at receptions against error", fontsize=12)
+    pooled = "" if tracks.sizes.get("variant", 1) == 1 else " (all variants)"
+    figure.suptitle(f"{title}{pooled}: information gain at receptions against error", fontsize=12)
     return figure
 
 
@@ -150,7 +151,8 @@ def _draw(axes: Axes, gain: Gain, names: list[str], rng: np.random.Generator) ->
     own = gain.navigator == gain.heard_by
     x, y = gain.information_nat, gain.error_m
     some = rng.permutation(len(x))[:_MOST_POINTS]
-    axes.plot(x[some], y[some], ls="", marker=".", ms=3, mew=0, color=colour, alpha=0.3, zorder=2)
+    size, alpha = (3, 0.3) if len(x) > 500 else (6, 0.5)
+    axes.plot(x[some], y[some], ls="", marker=".", ms=size, mew=0, color=colour, alpha=alpha, zorder=2)
     label = f"{names[gain.navigator]} ({len(x)} receptions)" if own else (
         f"{names[gain.navigator]} at the receptions of {names[gain.heard_by]}"
     )  # fmt: skip
