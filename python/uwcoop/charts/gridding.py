@@ -160,6 +160,8 @@ def grid_and_judge(
         found = leave_one_out(points, soundings.survey, cell_m=cell_m, max_gap_m=max_gap_m)
         rough = Chart(grid.astype(np.float32), float(axes[0][0]), float(axes[1][0]), cell_m)
         residuals = report(found, _slope_at(rough, found.east_m, found.north_m))
+    if align and residuals is not None:
+        residuals = residuals.of_aligned()
     sigma, length = _quality(residuals, quality, said)
     rows, cols = (slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(np.isfinite(grid)))
     if rows.stop - rows.start < 2 or cols.stop - cols.start < 2:

@@ -3,13 +3,16 @@
 The error of such a chart is one field: it keeps its value over some metres, because a survey's position error
 and datum hold for a while, and it grows with the slope, because a horizontal error e changes the depth by
 slope · e. Both are measured here, and from them follow the two numbers that navigators go by: `sigma_map_m`
-(between the robust and the plain standard deviation) and `correlation_length_m` (the distance at which the
-autocorrelation falls to one half, each survey's own datum aside, which a navigator estimates anyway).
+(between the robust and the plain standard deviation) and `correlation_length_m`.
+
+Soundings s metres apart whose errors have the autocorrelation ρ count as s / 2∫ρ independent ones, and
+navigators count n_c = 2 L / s soundings as one: so L is the integral ∫ρ from 0 on, each survey's own datum
+aside, which a navigator estimates anyway. It is somewhat longer than the distance at which ρ falls to one half.
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,6 +36,8 @@ _MOST_PAIRED = 4000
 _SLOPE_BINS = 8
 _LEAST_IN_BIN = 30
 _CLIP_SDS = 4.0
+_NOTHING = 0.05
+"""An autocorrelation below this is noise."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +60,7 @@ class ResidualReport:
     """What residuals say of a chart's error, and the quality that follows; lengths in metres.
 
     `autocorrelation` is pairs of (distance, correlation); `by_slope` pairs of (slope, robust standard
-    deviation). Both, `half_lag_m`, `flat_sd_m` and `horizontal_error_m` are of residuals less their survey's
+    deviation). Both, the lags, `flat_sd_m` and `horizontal_error_m` are of residuals less their survey's
     median, and None or empty where there is too little to tell.
     """
 
@@ -70,6 +75,9 @@ class ResidualReport:
     """Robust standard deviation less each survey's median."""
     autocorrelation: tuple[tuple[float, float], ...]
     half_lag_m: float | None
+    """Where the autocorrelation falls to one half."""
+    integral_lag_m: float | None
+    """Its integral from 0 to where it first falls to nothing."""
     by_slope: tuple[tuple[float, float], ...]
     flat_sd_m: float | None
     """Where the seabed is level."""
@@ -84,11 +92,17 @@ class ResidualReport:
         """Ready for JSON."""
         return asdict(self)
 
+    def of_aligned(self) -> ResidualReport:
+        """The same of surveys that were shifted until they agreed: their residuals no longer hold what all of
+        them share, so the correlation length is not taken as shorter than is usual."""
+        return replace(self, correlation_length_m=max(self.correlation_length_m, CORRELATION_LENGTH_M))
+
     def notes(self) -> tuple[str, ...]:
         """One sentence for each of the two proposals."""
         length = (
-            f"correlation length of the chart's error: {self.correlation_length_m:g} m, where the residuals' "
-            "autocorrelation falls to one half"
+            f"correlation length of the chart's error: {self.correlation_length_m:g} m; the residuals' "
+            f"autocorrelation has the integral {self.integral_lag_m:.2g} m and falls to one half at "
+            f"{self.half_lag_m:.2g} m"
             if self.half_lag_m is not None
             else f"correlation length of the chart's error: {self.correlation_length_m:g} m, usual for soundings"
         )
@@ -142,9 +156,9 @@ def report(residuals: Residuals, slope: Values | None = None) -> ResidualReport:
     centres = np.array([np.median(value[residuals.fold == k]) for k in np.unique(residuals.fold)])
     own = value - centres[np.unique(residuals.fold, return_inverse=True)[1]]
     lags = autocorrelation(residuals.east_m, residuals.north_m, own, residuals.fold)
-    half = _half_lag(lags) if residuals.surveys else None
+    half, integral = _half_and_integral(lags) if residuals.surveys else (None, None)
     bins, flat, horizontal = _slope_growth(own, slope)
-    length = CORRELATION_LENGTH_M if half is None else max(half, _LAG_STEP_M)
+    length = CORRELATION_LENGTH_M if integral is None else max(integral, _LAG_STEP_M)
     return ResidualReport(
         how=residuals.how,
         surveys=residuals.surveys,
@@ -155,6 +169,7 @@ def report(residuals: Residuals, slope: Values | None = None) -> ResidualReport:
         own_datum_robust_sd_m=robust_sd(own),
         autocorrelation=lags,
         half_lag_m=half,
+        integral_lag_m=integral,
         by_slope=bins,
         flat_sd_m=flat,
         horizontal_error_m=horizontal,
@@ -192,16 +207,23 @@ def autocorrelation(
     )
 
 
-def _half_lag(lags: tuple[tuple[float, float], ...]) -> float | None:
-    """Distance at which the autocorrelation first falls to one half; the longest lag where it never does."""
+def _half_and_integral(lags: tuple[tuple[float, float], ...]) -> tuple[float | None, float | None]:
+    """Distance at which the autocorrelation first falls to one half, and its integral until it is nothing.
+
+    Where it never falls so far, both are up to the longest lag.
+    """
     if len(lags) < 2:
-        return None
+        return None, None
     x, r = np.array([(0.0, 1.0), *lags]).T
     below = np.flatnonzero(r < 0.5)
-    if not below.size:
-        return float(x[-1])
-    k = int(below[0])
-    return float(x[k - 1] + (x[k] - x[k - 1]) * (r[k - 1] - 0.5) / (r[k - 1] - r[k]))
+    half = float(x[-1])
+    if below.size:
+        k = int(below[0])
+        half = float(x[k - 1] + (x[k] - x[k - 1]) * (r[k - 1] - 0.5) / (r[k - 1] - r[k]))
+    nothing = np.flatnonzero(r < _NOTHING)
+    end = int(nothing[0]) + 1 if nothing.size else x.size
+    x, r = x[:end], np.maximum(r[:end], 0.0)
+    return half, float(np.sum(np.diff(x) * (r[1:] + r[:-1]) / 2))
 
 
 def _slope_growth(

@@ -65,7 +65,8 @@ def hull(east: Values, north: Values) -> Any:
 def _one_thread() -> Any:
     """A context in which linear algebra uses one thread: one 2 x 2 matrix per triangle is solved, and threads
     that wait for each other make that a hundred times slower on a busy machine."""
-    from threadpoolctl import threadpool_limits  # comes with verde's scikit-learn
+    # It comes with scikit-learn, which verde needs.
+    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
     return threadpool_limits(limits=1, user_api="blas")
 
