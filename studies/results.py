@@ -129,7 +129,7 @@ def section(study: Study, runs: int | None) -> str:
         ["study", study.scenario, "--runs", count, "--navigator", study.navigators, *study.options]
     )
     note = f"{study.note}\n\n" if study.note else ""
-    return f"## {study.title}\n\n{note}```console\n{shown}\n```\n\n{table(summary)}\n"
+    return f"## {study.title}\n\n{note}<!-- no-run: takes minutes -->\n```console\n{shown}\n```\n\n{table(summary)}\n"
 
 
 def real_soundings(runs: int | None) -> str:
@@ -152,7 +152,7 @@ def real_soundings(runs: int | None) -> str:
                 shown, summary = run(["study", str(scenario), "--runs", count, "--navigator", navigators])
                 shown = shown.replace(folder, "OUT")
                 days = ", ".join(name[:8] for name in team)
-                text += f"\n### Days {days}, drift `{drift}`\n\n```console\n"
+                text += f"\n### Days {days}, drift `{drift}`\n\n<!-- no-run: takes minutes -->\n```console\n"
                 text += f"python studies/aburatsubo.py REFERENCE OUT\n{shown}\n```\n\n{table(summary)}\n"
     return text
 
@@ -169,7 +169,7 @@ def speed() -> str:
     )
     return (
         "## Speed\n\nThread CPU time, least of many repeats, alternated in one process: the ratios count.\n\n"
-        f"```console\npython benches/python/side_by_side.py\n```\n\n```text\n{done.stdout.strip()}\n```\n"
+        f"<!-- no-run: takes minutes -->\n```console\npython benches/python/side_by_side.py\n```\n\n```text\n{done.stdout.strip()}\n```\n"
     )
 
 
