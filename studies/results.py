@@ -169,7 +169,8 @@ def speed() -> str:
     )
     return (
         "## Speed\n\nThread CPU time, least of many repeats, alternated in one process: the ratios count.\n\n"
-        f"<!-- no-run: takes minutes -->\n```console\npython benches/python/side_by_side.py\n```\n\n```text\n{done.stdout.strip()}\n```\n"
+        "<!-- no-run: takes minutes -->\n```console\npython benches/python/side_by_side.py\n```\n\n"
+        f"```text\n{done.stdout.strip()}\n```\n"
     )
 
 
