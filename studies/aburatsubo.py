@@ -97,7 +97,7 @@ def teams(reference: Path, size: int = 3) -> list[list[str]]:
 
 
 def write_team(
-    reference: Path, team: list[str], folder: Path, drift: str = "dvl", *, align: bool = False
+    reference: Path, team: list[str], folder: Path, drift: str = "dvl", *, align: bool = True
 ) -> Path:
     """Writes chart, tracks and scenario of one team; returns the scenario's path.
 

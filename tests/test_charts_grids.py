@@ -396,6 +396,43 @@ def test_esri_ascii_grid(tmp_path: Path) -> None:
     np.testing.assert_allclose(chart.depth_m, depths(), atol=6e-4)
 
 
+@pytest.mark.parametrize("corner", ["corner", "center"])
+def test_esri_ascii_places_its_nodes_by_corner_or_centre(tmp_path: Path, corner: str) -> None:
+    shift = CELL / 2 if corner == "corner" else 0.0
+    head = f"NCOLS 3\nNROWS 2\nXLL{corner.upper()} {100 - shift}\nYLL{corner.upper()} {50 - shift}\nCELLSIZE {CELL}\n"
+    (tmp_path / "small.asc").write_text(head + "NODATA_VALUE -1\n4 5 6\n-1 2 3\n")
+    chart = load_chart(tmp_path / "small.asc", crs="local")
+    assert chart.extent == pytest.approx((100, 50, 110, 55))
+    np.testing.assert_array_equal(chart.depth_m, [[np.nan, 2, 3], [4, 5, 6]])
+    assert (chart.sigma_map_m, chart.correlation_length_m) == (0.0, 0.0)
+
+
+def test_a_bag_keeps_its_uncertainty_per_node(tmp_path: Path) -> None:
+    from affine import Affine
+
+    known = np.isfinite(depths())
+    sigma = 0.3 + 0.01 * np.mgrid[:ROWS, :COLS][1]
+    layers = [np.where(known, layer, 1e6)[::-1].astype("float32") for layer in (-depths(), sigma)]
+    place = Affine(CELL, 0, WEST - CELL / 2, 0, -CELL, SOUTH + (ROWS - 0.5) * CELL)
+    path = tmp_path / "bay.bag"
+    with rasterio.open(
+        path, "w", driver="BAG", height=ROWS, width=COLS, count=2, dtype="float32", nodata=1e6,
+        crs="EPSG:32654", transform=place,
+    ) as target:  # fmt: skip
+        for band, layer in enumerate(layers, start=1):
+            target.write(layer, band)
+    chart = load_chart(path)
+    same_as_written(chart)
+    np.testing.assert_allclose(chart.sigma_map_m, np.where(known, sigma, np.nan), rtol=1e-6)
+    assert chart.sigma_at([[0.0, 0.0]]) == pytest.approx(0.3 + 0.01 * 19.5, abs=1e-3)
+    # No format says over which distance its errors hold: not taken as each node's own.
+    assert chart.correlation_length_m == 10
+    assert "correlation length of the chart's error not stated: 10 m assumed" in notes(chart)
+    told = load_chart(path, correlation_length_m=0.0)
+    assert told.correlation_length_m == 0
+    assert np.max(load_chart(path, sigma_map_m=0.2).sigma_map_m) == 0.2
+
+
 def test_bag_with_holes_and_uncertainty(reference: Path) -> None:
     chart = load_chart(reference / "data/navo_bag/JD211_public_Release_1-4_UTM.bag")
     assert chart.shape == (1707, 1478) or chart.shape == (1478, 1707)
@@ -404,3 +441,6 @@ def test_bag_with_holes_and_uncertainty(reference: Path) -> None:
     assert 50 < chart.depth_range_m[0] < chart.depth_range_m[1] < 54
     sigma = np.asarray(chart.sigma_map_m)
     assert 0.2 < np.nanmin(sigma) < np.nanmax(sigma) < 0.7
+    np.testing.assert_array_equal(np.isnan(sigma), np.isnan(chart.depth_m))
+    assert chart.correlation_length_m == 10
+    assert chart.origin.crs == "EPSG:32602"

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import importlib.util
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import uwcoop
-from uwcoop import metrics, scenario
+from uwcoop import scenario
 from uwcoop.charts import Chart
 from uwcoop.simulate import open_chart, seabed_and_chart
 
@@ -64,14 +66,77 @@ def test_vehicles_sound_the_seabed_and_not_the_chart() -> None:
     assert np.nanstd(table["water_depth_m"] - log.chart.depth_at(position)) > 0.1
 
 
+# ------------------------------------------------------------------------------------- the bars, over 20 missions
+
+RUNS = 20
+STUDIES = Path(__file__).parents[1] / "studies"
+Pooled = dict[str, dict[str, float]]
+
+
+def pooled(name: str | Path, navigators: str, *overrides: str, runs: int = RUNS) -> Pooled:
+    made = uwcoop.study(name, runs, navigators.split(","), overrides=overrides)
+    found: Pooled = made.summary["variants"][0]["navigators"]
+    return found
+
+
+def writer(name: str, reference: Path, needed: str) -> Any:
+    """A module of `studies/`, which is no package; skips where the recording that it needs is absent."""
+    if not (reference / needed).is_file():
+        pytest.skip(f"{needed} is absent")
+    spec = importlib.util.spec_from_file_location(name, STUDIES / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.mark.long
 def test_the_filter_that_knows_of_correlated_errors_is_honest_where_others_are_not() -> None:
-    rows = []
-    for seed in range(20):
-        log = uwcoop.simulate("surveyed-bay", seed=seed)
-        result = uwcoop.run(log, ["dead-reckoning", "dmpf", "mpf"], clouds=False)
-        rows += metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets, run=seed)
-    pooled = metrics.pool(rows)
-    assert pooled["mpf"]["median_rmse_m"] < pooled["dead-reckoning"]["median_rmse_m"] / 2
-    assert pooled["mpf"]["anees_median"] <= 2.6
-    assert pooled["dmpf"]["anees_median"] > 20
+    found = pooled("surveyed-bay", "dead-reckoning,dmpf,mpf")
+    reckoned, paper, ours = (found[name] for name in ("dead-reckoning", "dmpf", "mpf"))
+    for figure in ("median_rmse_m", "median_final_error_m"):
+        assert ours[figure] < reckoned[figure] / 2
+        assert paper[figure] > reckoned[figure] / 2
+    assert ours["anees_median"] <= 2.6
+    assert ours["anees"] <= 4
+    assert paper["anees_median"] > 100
+    assert paper["lost_share"] > 0.7
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("tails", [(), ("navigator.mpf.student_dof=4.0",)])
+def test_a_white_likelihood_fails_with_and_without_tails(tails: tuple[str, ...]) -> None:
+    found = pooled("surveyed-bay", "mpf", "navigator.mpf.correlation_length_m=0", *tails)
+    assert found["mpf"]["anees_median"] > 20
+    assert found["mpf"]["lost_share"] > 0.5
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("drift", ["dvl", "no-dvl"])
+def test_the_same_on_real_soundings(reference: Path, tmp_path: Path, drift: str) -> None:
+    aburatsubo = writer("aburatsubo", reference, "data/aburatsubo/sessions_valid.csv.gz")
+    teams = aburatsubo.teams(reference)
+    assert sum(len(team) for team in teams) >= 5
+    for team in teams:
+        scenario_file = aburatsubo.write_team(reference, team, tmp_path / team[0], drift)
+        found = pooled(scenario_file, "dead-reckoning,dmpf,mpf", runs=5)
+        assert found["mpf"]["median_rmse_m"] < found["dead-reckoning"]["median_rmse_m"] / 2
+        assert found["mpf"]["anees_median"] <= 2.6
+        assert found["dmpf"]["anees_median"] > 20
+        white = pooled(scenario_file, "mpf", "navigator.mpf.correlation_length_m=0", runs=5)
+        assert white["mpf"]["anees_median"] > found["mpf"]["anees_median"]
+
+
+@pytest.mark.long
+def test_a_bottom_that_cannot_localise_is_said_to_be_one(reference: Path, tmp_path: Path) -> None:
+    navo = writer("navo", reference, "data/navo_bag/JD211_public_Release_1-4_UTM.bag")
+    found = pooled(navo.write_mission(reference, tmp_path), "dead-reckoning,dmpf,mpf-terrain-only,mpf")
+    reckoned = found["dead-reckoning"]
+    for name in ("mpf", "mpf-terrain-only"):
+        assert 1.4 < found[name]["anees"] < 2.6
+        # Errors that last make the median over vehicles smaller than 2: that of dead reckoning is exact.
+        assert 0.9 * reckoned["anees_median"] < found[name]["anees_median"] < 2.6
+        assert found[name]["median_rmse_m"] > 0.7 * reckoned["median_rmse_m"]
+    assert found["dmpf"]["anees_median"] > 100
+    assert found["dmpf"]["median_rmse_m"] > 0.7 * reckoned["median_rmse_m"]

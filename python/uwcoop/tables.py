@@ -13,7 +13,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from uwcoop.budget import Budget, Cost
 
-__all__ = ["budget_table", "chart_table", "packaged_tables"]
+__all__ = ["budget_table", "chart_table", "packaged_tables", "residuals_table"]
 
 
 def packaged_tables(scenarios: Iterable[tuple[str, str]], navigators: Mapping[str, str]) -> Group:
@@ -58,6 +58,65 @@ def chart_table(facts: Mapping[str, Any]) -> Table:
     for note in facts["notes"]:
         table.add_row("note", note)
     return table
+
+
+_LAGS_SHOWN_M = (2, 5, 10, 20, 40)
+
+
+def residuals_table(facts: Mapping[str, Any]) -> Table:
+    """What soundings say of each other: `Gridded.as_dict()`, and the chart's quality that follows."""
+    found, moved = facts["residuals"], facts["alignment"]
+    table = _table("residuals of soundings", None, show_header=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column()
+    table.add_row("judged by", f"{found['count']:,} residuals, {found['how']}")
+    spread = f"robust sd {found['robust_sd_m']:.3g} m, sd {found['sd_m']:.3g} m"
+    if found["datum_sd_m"] is not None:
+        spread += (
+            f"; surveys' datums differ by {found['datum_sd_m']:.2g} m (sd), without them robust sd "
+            f"{found['own_datum_robust_sd_m']:.3g} m"
+        )
+    table.add_row("spread", spread)
+    table.add_row("correlation", _correlation(found))
+    table.add_row("slope", _slope_dependence(found))
+    if moved is not None:
+        gain = (
+            ""
+            if moved["after_m"] is None
+            else f"; misfit {moved['before_m']:.2g} to {moved['after_m']:.2g} m"
+        )
+        table.add_row(
+            "alignment",
+            f"{moved['segments']} segments of {moved['segment_s']:g} s moved by {moved['median_shift_m']:.1f} m "
+            f"(median), {moved['largest_shift_m']:.1f} m at most{gain}",
+        )
+    table.add_row(
+        "proposed",
+        f"sigma_map_m = {found['sigma_map_m']:g}, correlation_length_m = {found['correlation_length_m']:g}",
+    )
+    return table
+
+
+def _correlation(found: Mapping[str, Any]) -> str:
+    lags = found["autocorrelation"]
+    if not lags:
+        return "too few pairs to tell"
+    nearest = [min(lags, key=lambda pair: abs(pair[0] - lag)) for lag in _LAGS_SHOWN_M]
+    shown = ", ".join(f"{r:.2f} at {lag:.0f} m" for lag, r in dict.fromkeys(tuple(pair) for pair in nearest))
+    half, integral = found["half_lag_m"], found["integral_lag_m"]
+    falls = "" if half is None else f"; one half at {half:.1f} m, integral {integral:.1f} m"
+    return shown + falls
+
+
+def _slope_dependence(found: Mapping[str, Any]) -> str:
+    bins = found["by_slope"]
+    if not bins:
+        return "too few to tell"
+    shown = ", ".join(f"{sd:.2f} m at {slope:.2f}" for slope, sd in (bins[0], bins[len(bins) // 2], bins[-1]))
+    return (
+        f"robust sd {shown}: {found['flat_sd_m']:.2g} m on level ground and an effective horizontal error of "
+        f"{found['horizontal_error_m']:.1f} m"
+    )
 
 
 def _origin(origin: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ all segments share cannot be seen and stays: their mean shift is zero.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -69,6 +69,19 @@ class Alignment:
             values + moved for values, moved in zip(soundings, self.shift_m[self.segment].T, strict=True)
         )
         return e, n, z
+
+    def as_dict(self) -> dict[str, Any]:
+        """Ready for JSON: sizes of the shifts, and the agreement before and after."""
+        length = np.hypot(*self.shift_m[:, :2].T)
+        return {
+            "segments": len(self.shift_m),
+            "segment_s": SEGMENT_S,
+            "median_shift_m": float(np.median(length)),
+            "largest_shift_m": float(length.max()),
+            "down_sd_m": float(self.shift_m[:, 2].std()),
+            "before_m": None if np.isnan(self.before_m) else self.before_m,
+            "after_m": None if np.isnan(self.after_m) else self.after_m,
+        }
 
     @property
     def note(self) -> str:

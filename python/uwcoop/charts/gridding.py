@@ -67,6 +67,13 @@ class Gridded:
     alignment: Alignment | None
     """None where segments were left as they are."""
 
+    def as_dict(self) -> dict[str, Any]:
+        """What the making told, ready for JSON: residuals and alignment, each None where there is none."""
+        return {
+            "residuals": None if self.residuals is None else self.residuals.as_dict(),
+            "alignment": None if self.alignment is None else self.alignment.as_dict(),
+        }
+
 
 def grid_soundings(
     e_m: ArrayLike,

@@ -200,6 +200,8 @@ def _by_role(
 
 def _role(label: str) -> str | None:
     bare = _bare(label)
+    if _MILLISECONDS.sub("", bare).strip(" _()[]") in _ROLES["time"]:
+        return "time"
     return next((role for role, names in _ROLES.items() if bare in names), None)
 
 

@@ -160,7 +160,7 @@ def _lines(seabed: Chart, plan: SurveyPlan, survey: int, phase: float) -> tuple[
         places.append(line[inside])
         times.append(clock + plan.interval_s * np.arange(count))
         clock += plan.interval_s * count + plan.line_spacing_m / plan.speed_mps
-    return np.concatenate(places), np.concatenate(times)
+    return np.concatenate([np.zeros((0, 2)), *places]), np.concatenate([np.zeros(0), *times])
 
 
 def _gauss_markov(rng: np.random.Generator, time_s: Values, sigma_m: float, hold_s: float) -> Values:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -101,7 +101,8 @@ def chart(
     columns: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,DEPTH", help="Of soundings: their names in the header, e.g. lon,lat,depth."
+            metavar="X,Y,DEPTH[,SURVEY[,TIME]]",
+            help="Of soundings: their names in the header, e.g. lon,lat,depth.",
         ),
     ] = None,
     cell: Annotated[float | None, typer.Option(metavar="M", help="Distance between nodes.")] = None,
@@ -118,14 +119,30 @@ def chart(
         float | None,
         typer.Option(metavar="M", help="Of soundings: nodes farther than this from all of them are holes."),
     ] = None,
+    from_soundings: Annotated[
+        bool,
+        typer.Option(
+            "--from-soundings",
+            help="FILE holds soundings: say what each survey's say of the chart that the others make.",
+        ),
+    ] = False,
+    align: Annotated[
+        bool,
+        typer.Option("--align", help="Of soundings: shift segments of 900 s until crossing ones agree."),
+    ] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the facts as JSON on stdout, and nothing else there.")
+    ] = False,
 ) -> None:
     """What a chart holds: extent, cell, depths, holes, slopes, and where terrain tells a position."""
-    from uwcoop.charts import describe
+    import json
+
+    from uwcoop.charts import describe, load_sounded
     from uwcoop.output import write_chart_picture
     from uwcoop.simulate import open_source
-    from uwcoop.tables import chart_table
+    from uwcoop.tables import chart_table, residuals_table
 
-    options = {
+    options: dict[str, Any] = {
         "columns": columns,
         "cell_m": cell,
         "crs": crs,
@@ -133,10 +150,18 @@ def chart(
         "depth_unit": depth_unit,
         "max_gap_m": max_gap,
     }
-    found = open_source(file, **{key: value for key, value in options.items() if value is not None})
+    given = {key: value for key, value in options.items() if value is not None}
+    made = load_sounded(file, align=align, **given) if from_soundings or align else None
+    found = open_source(file, **given) if made is None else made.chart
+    facts = describe(found) | ({} if made is None else made.as_dict())
     if picture is not None:
         write_chart_picture(found, picture)
-    terminal().print(chart_table(describe(found)))
+    if as_json:
+        typer.echo(json.dumps(facts, indent=2, allow_nan=False))
+    else:
+        terminal().print(chart_table(facts))
+        if made is not None:
+            terminal().print(residuals_table(facts))
     if picture is not None:
         say(f"wrote {picture}")
 
