@@ -79,7 +79,7 @@ class Motion:
         return k, inside - k
 
 
-def team_motion(scenario: Scenario, chart: Chart, seed: int) -> list[Motion]:
+def team_motion(scenario: Scenario, chart: Chart | None, seed: int) -> list[Motion]:
     """The motion of every vehicle of a scenario.
 
     Raises:
@@ -147,7 +147,7 @@ class _Errors:
 
 
 def _follow_path(
-    vehicle: Vehicle, chart: Chart, errors: _Errors, current: Array, rng: np.random.Generator
+    vehicle: Vehicle, chart: Chart | None, errors: _Errors, current: Array, rng: np.random.Generator
 ) -> Motion:
     """Steer along the planned path by the true position: the path is driven, whatever the compass says."""
     steps = len(current) - 1

@@ -5,7 +5,7 @@ A scenario sets options as `[navigator.NAME]`, or as `[navigator.all]` for every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, Protocol
@@ -25,7 +25,7 @@ from uwcoop.navigators.options import (
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from uwcoop._native import Event, Navigator
+    from uwcoop._native import Event, Navigator, TeamEstimator
     from uwcoop.charts import Chart
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "Spec",
     "build",
     "native_chart",
+    "not_realisable",
     "options_of",
 ]
 
@@ -59,6 +60,8 @@ class Context:
     """Seed of the navigator's random streams."""
     chart: Chart | None
     """The chart on board."""
+    ranging: tuple[bool, ...] = ()
+    """By vehicle, whether it uses ranges, as the team agreed; empty: all do."""
 
 
 class PythonEstimate(Protocol):
@@ -93,9 +96,15 @@ class Spec:
     summary: str
     options: type[DriftOptions]
     fixed: Mapping[str, Any]
-    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator]
+    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | TeamEstimator]
     needs_bandwidth: bool = False
     """Takes part by default only where the modem carries its packet."""
+    listed_only: bool = False
+    """Takes part by default only where the scenario's `navigators` names it."""
+    central: bool = False
+    """Made once for the whole team (with the first vehicle's context): a `TeamEstimator`."""
+    realisable: bool = True
+    """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
 
 
 def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
@@ -170,6 +179,9 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
     diagnostics = (scenario or {}).get("diagnostics", {})
     if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in model.model_fields:
         own.setdefault("entropy_sigma_m", diagnostics["entropy_sigma_m"])
+    packet = (scenario or {}).get("acoustics", {}).get("packet")
+    if packet is not None and "packet_form" in model.model_fields:
+        own.setdefault("packet_form", packet)
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:
@@ -182,8 +194,11 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
         raise NavigatorError(_one_line(name, model, invalid)) from None
 
 
-def build(name: str, context: Context, options: DriftOptions, chart: _native.Chart | None) -> Navigator:
-    """A packaged navigator for one vehicle; `chart` is `native_chart(context.chart)`, shared by the team."""
+def build(
+    name: str, context: Context, options: DriftOptions, chart: _native.Chart | None
+) -> Navigator | TeamEstimator:
+    """A packaged navigator for one vehicle, or a centralised one for all; `chart` is `native_chart(context.chart)`,
+    shared by the team."""
     length = 0.0 if context.chart is None else context.chart.correlation_length_m
     return _spec(name).make(context, options.native(length), chart)
 
@@ -204,6 +219,11 @@ def native_chart(chart: Chart) -> _native.Chart:
         float(np.median(finite)) if finite.size else 0.0,
         chart.correlation_length_m,
     )
+
+
+def not_realisable(names: Iterable[str]) -> set[str]:
+    """Those of the names that are packaged navigators which are told what no vehicle can know."""
+    return {name for name in names if name in NAVIGATORS and not NAVIGATORS[name].realisable}
 
 
 def _spec(name: str) -> Spec:

@@ -177,6 +177,8 @@ class VehicleBase(Table):
     speed_mps: Positive = 1.5
     look_ahead_m: Positive = 6.0
     """Distance ahead on the path at which pure pursuit steers."""
+    fuses_ranges: bool = True
+    """False: its navigator takes packets and what they acknowledge, but no range (a support ship with GPS)."""
 
 
 class Team(VehicleBase):
