@@ -32,10 +32,6 @@ class OriginOptions(BaseModel):
     gate_sigmas: Positive = 6.0
     """Fixes and ranges that contradict the belief by more are gated and counted; the third such fix in a row is
     believed."""
-    servers: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(strict=False)] = ()
-    """Vehicles, by their place in the mission, that never fuse a range: what they hear carries acknowledgements
-    alone. With any, the team is one-way: the others range to servers only. Empty: two-way, everybody ranges to
-    everybody."""
 
     def native(self, correlation_length_m: float) -> dict[str, Any]:
         """All options; nothing here depends on the chart."""
@@ -45,9 +41,8 @@ class OriginOptions(BaseModel):
 class MdeifOptions(OriginOptions):
     """Options of `mdeif`."""
 
-    packet: PacketForm = "f64"
-    """Form of a broadcast: float64 for studies, or quantised for a frame of so many bytes; `acoustics.packet` sets
-    it for all."""
+    packet_form: PacketForm = "f64"
+    """Form of a broadcast: float64 for studies, or quantised for a frame of so many bytes. Follows `acoustics.packet`."""
     exact_lags: Annotated[int, Field(ge=0, le=8)] = 2
     """With how many of the last transmissions an f64 packet holds the exact joint."""
     use_joint: bool = True
