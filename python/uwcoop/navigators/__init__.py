@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from pydantic import ValidationError
 
@@ -20,6 +20,12 @@ from uwcoop.navigators.options import (
     DmpfOptions,
     DriftOptions,
     MpfOptions,
+)
+from uwcoop.navigators.origin import (
+    DeifOptions,
+    DeifRedundantOptions,
+    MdeifOptions,
+    OriginOptions,
 )
 
 if TYPE_CHECKING:
@@ -34,8 +40,12 @@ __all__ = [
     "Context",
     "Custom",
     "DeadReckoningOptions",
+    "DeifOptions",
+    "DeifRedundantOptions",
     "DmpfOptions",
+    "MdeifOptions",
     "MpfOptions",
+    "OriginOptions",
     "PythonEstimate",
     "PythonNavigator",
     "Spec",
@@ -44,6 +54,10 @@ __all__ = [
     "not_realisable",
     "options_of",
 ]
+
+
+Options: TypeAlias = DriftOptions | OriginOptions
+"""Options of a packaged navigator."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +108,7 @@ class Spec:
     """A packaged navigator: what it is, its option model, options that make it what its name says, how it is made."""
 
     summary: str
-    options: type[DriftOptions]
+    options: type[Options]
     fixed: Mapping[str, Any]
     make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | TeamEstimator]
     needs_bandwidth: bool = False
@@ -156,7 +170,7 @@ NAVIGATORS: dict[str, Spec] = {
 """Packaged navigators by name."""
 
 
-def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOptions:
+def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     """Options of a packaged navigator: defaults, then `[navigator.all]`, then `[navigator.NAME]`.
 
     Raises:
@@ -195,7 +209,7 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
 
 
 def build(
-    name: str, context: Context, options: DriftOptions, chart: _native.Chart | None
+    name: str, context: Context, options: Options, chart: _native.Chart | None
 ) -> Navigator | TeamEstimator:
     """A packaged navigator for one vehicle, or a centralised one for all; `chart` is `native_chart(context.chart)`,
     shared by the team."""
@@ -237,7 +251,7 @@ def _nearest(name: str, known: Any) -> str:
     return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(sorted(known))}"
 
 
-def _one_line(name: str, model: type[DriftOptions], invalid: ValidationError) -> str:
+def _one_line(name: str, model: type[Options], invalid: ValidationError) -> str:
     error = invalid.errors()[0]
     option = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":

@@ -4,6 +4,7 @@ pub mod common;
 pub mod dead_reckoning;
 pub mod dmpf;
 pub mod mpf;
+pub mod origin;
 pub mod range;
 pub mod trajectory;
 
