@@ -2,6 +2,7 @@
 //!
 //! * [`local`]: own sensors and ranges, as every navigator of this family uses them.
 //! * [`belief`], [`interleaved`]: references that exchange positions instead of graphs.
+//! * [`odometry`]: vehicles that are told how they moved.
 //! * [`graph`], [`central`]: the references that are fed more than a vehicle can know.
 
 pub mod belief;
@@ -9,3 +10,4 @@ pub mod central;
 pub mod graph;
 pub mod interleaved;
 pub mod local;
+pub mod odometry;
