@@ -20,7 +20,14 @@ from uwcoop.acoustics.sound import sound_speed_between_mps
 from uwcoop.frames import wrap_angle
 from uwcoop.hovering import Course, HoverMotion
 from uwcoop.legs import Legs
-from uwcoop.missionlog.model import EVENT_COLUMNS, OPPORTUNITY_COLUMNS, SLOT_COLUMNS, Columns, columns, event_columns
+from uwcoop.missionlog.model import (
+    EVENT_COLUMNS,
+    OPPORTUNITY_COLUMNS,
+    SLOT_COLUMNS,
+    Columns,
+    columns,
+    event_columns,
+)
 from uwcoop.positioning import Luck, acoustic_fixes, delay_s
 from uwcoop.streams import Purpose, stream
 
@@ -222,8 +229,12 @@ class _Mission:
             names = tuple(vehicle.name for vehicle in self.scenario.team)
             chance = float(survival(plan, signals, names, self.seed)[0])
             attempt = len(self.slots)
-            draws = stream(self.seed, sender, Purpose.EXCHANGE, receiver, attempt).random(self.link.max_frames)
-            noise = float(stream(self.seed, sender, Purpose.EXCHANGE_TIME, receiver, attempt).standard_normal())
+            draws = stream(self.seed, sender, Purpose.EXCHANGE, receiver, attempt).random(
+                self.link.max_frames
+            )
+            noise = float(
+                stream(self.seed, sender, Purpose.EXCHANGE_TIME, receiver, attempt).standard_normal()
+            )
             error_s = noise * plan.range_sigma_m / float(speed[0])
             toa_ns = max(tol_ns, tol_ns + round((float(travel_s[0]) + error_s) * 1e9))
             self.heard.append((tol_ns, sender, receiver, toa_ns, chance))
@@ -239,7 +250,7 @@ class _Mission:
         interval = self.scenario.mutual.interval_s
         turn = self.subs.index(vehicle) + 1 if vehicle in self.subs else 0
         offset = interval * turn / (len(self.subs) + 1)
-        return offset + interval * np.arange(len(self.luck[vehicle].replied))
+        return np.asarray(offset + interval * np.arange(len(self.luck[vehicle].replied)), dtype=np.float64)
 
     def _fixes_after(self, vehicle: int, after_s: float, count: int) -> float | None:
         """When the vehicle has had so many fixes with a range, seconds; None: not within the mission."""
@@ -335,7 +346,9 @@ def _fixes(mission: _Mission, motion: list[HoverMotion]) -> Columns:
             index = np.flatnonzero(asks & (landmark == peer))
             pair, moving = (vehicle, int(peer)), (moved, motion[peer])
             tables.append(
-                acoustic_fixes(scenario, mission.seed, pair, moving, (index, at_s[index]), mission.luck[vehicle])
+                acoustic_fixes(
+                    scenario, mission.seed, pair, moving, (index, at_s[index]), mission.luck[vehicle]
+                )
             )
     whole = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]} if tables else {}
     return event_columns("acoustic_fix", **whole) if whole and whole["t_ns"].size else {}

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+LEAST_WAY_M = 1e-6
+"""Points nearer than this are where the vehicle is already."""
 TOUCH_DOWN_S = 1.0
 """How long it shifts and turns a vehicle."""
 
@@ -89,7 +91,7 @@ class HoverMotion(Motion):
 
 
 class Course:
-    """The course of one vehicle while it is made: primitives of constant body velocity and yaw rate, one after another.
+    """The course of one vehicle while it is made: stretches of constant body velocity and yaw rate, one after another.
 
     A leg is planned from where the vehicle is and carried out blindly: what turns or shifts it on the way turns
     or shifts the rest of the leg.
@@ -97,34 +99,30 @@ class Course:
 
     def __init__(self, hover: Hover, position_m: tuple[float, float], yaw_rad: float, depth_m: float) -> None:
         self.hover = hover
-        self._believed = (np.array(position_m), yaw_rad)
-        self._start = (np.array(position_m), yaw_rad, depth_m)
-        self._parts: list[tuple[int, tuple[float, float, float, float], bool]] = []
-        self._jumps: list[tuple[int, float, tuple[float, float]]] = []
+        self._dt_s = 1.0 / hover.rate_hz
         self.steps = 0
+        # After each step: east, north, depth, yaw, yaw by the gyro, east and north by the DVL.
+        self._now = np.array([*position_m, depth_m, yaw_rad, yaw_rad, 0.0, 0.0])
+        self._states = [self._now[None]]
+        self._believed = self.pose()
+        self._jump: tuple[int, float, tuple[float, float]] | None = None
 
-    @property
-    def _dt_s(self) -> float:
-        return 1.0 / self.hover.rate_hz
+    def pose(self) -> tuple[Array, float]:
+        """Where the vehicle truly is and points at the end of the course so far."""
+        return self._now[:2].copy(), float(self._now[3])
 
     def kidnap(self, kidnap: Kidnap) -> None:
-        """Turn and shift the vehicle at the kidnap's time."""
+        """Turn and shift the vehicle at the kidnap's time, which has not come yet."""
         step = round(kidnap.time_s * self.hover.rate_hz)
-        self._jumps = [(step, math.radians(kidnap.yaw_step_deg), kidnap.shift_m)]
+        self._jump = (step, math.radians(kidnap.yaw_step_deg), kidnap.shift_m)
 
     def spare(self) -> None:
         """Take the kidnapping back: it happens to another vehicle."""
-        self._jumps = []
-
-    def pose(self) -> tuple[Array, float]:
-        """Where it truly is and points at the end of the course so far."""
-        moved = self.motion(self.steps)
-        return moved.position_m[-1], float(moved.yaw_rad[-1])
+        self._jump = None
 
     def rest(self, until_step: int) -> None:
         """Stay as it is until a step."""
-        if until_step > self.steps:
-            self._add(until_step - self.steps, (0.0, 0.0, 0.0, 0.0))
+        self._add(until_step - self.steps, (0.0, 0.0, 0.0, 0.0))
 
     def lift_off(self) -> None:
         """Rise to the altitude of the survey."""
@@ -141,7 +139,9 @@ class Course:
         forward, left, about = rng.standard_normal(3).tolist()
         self._add(steps, (forward * shift, left * shift, 0.0, about * turn), bottom=False)
 
-    def follow(self, points_m: Sequence[tuple[float, float]], speed_mps: float, until_step: int) -> float | None:
+    def follow(
+        self, points_m: Sequence[tuple[float, float]], speed_mps: float, until_step: int
+    ) -> float | None:
         """Go straight from point to point, turning on the spot unless the heading is held.
 
         Args:
@@ -157,7 +157,7 @@ class Course:
             position, yaw = self._believed
             way = np.array(point) - position
             length = float(np.hypot(*way))
-            if length < 1e-6:
+            if length < LEAST_WAY_M:
                 continue
             along = math.atan2(way[1], way[0])
             held = self.hover.hold_heading_deg
@@ -165,11 +165,8 @@ class Course:
             self._turn(float(wrap_angle(bow - yaw)), until_step)
             steps = math.ceil(length / speed_mps * self.hover.rate_hz - 1e-9)
             speed = length / (steps * self._dt_s)
-            done = min(steps, until_step - self.steps)
-            if done <= 0:
-                return covered
-            off_bow = along - bow
-            self._add(done, (speed * math.cos(off_bow), speed * math.sin(off_bow), 0.0, 0.0))
+            done = max(0, min(steps, until_step - self.steps))
+            self._add(done, (speed * math.cos(along - bow), speed * math.sin(along - bow), 0.0, 0.0))
             moved = speed * done * self._dt_s
             covered += moved
             self._believed = (position + moved * np.array([math.cos(along), math.sin(along)]), bow)
@@ -177,8 +174,22 @@ class Course:
                 return covered
         return None
 
+    def motion(self, steps: int) -> HoverMotion:
+        """The course as it truly was, cut or drawn out by rest to so many steps of the world."""
+        states = np.concatenate(self._states)
+        if len(states) <= steps:
+            states = np.concatenate([states, self._stretch(steps + 1 - len(states), (0.0, 0.0, 0.0, 0.0))])
+        states = states[: steps + 1]
+        yaw, zero = np.asarray(wrap_angle(states[:, 3])), np.zeros((steps + 1, 2))
+        return HoverMotion(
+            position_m=states[:, :2], depth_m=states[:, 2], yaw_rad=yaw, current_mps=zero, believed_yaw_rad=yaw,
+            command_mps=zero, rate_hz=self.hover.rate_hz, turned_rad=states[:, 4], travelled_m=states[:, 5:7],
+        )  # fmt: skip
+
     def _turn(self, angle_rad: float, until_step: int) -> None:
-        steps = math.ceil(abs(angle_rad) / math.radians(self.hover.yaw_rate_degps) * self.hover.rate_hz - 1e-9)
+        steps = math.ceil(
+            abs(angle_rad) / math.radians(self.hover.yaw_rate_degps) * self.hover.rate_hz - 1e-9
+        )
         if steps > 0:
             rate = angle_rad / (steps * self._dt_s)
             self._add(min(steps, until_step - self.steps), (0.0, 0.0, 0.0, rate))
@@ -188,34 +199,28 @@ class Course:
         self._add(steps, (0.0, 0.0, down_m / (steps * self._dt_s), 0.0))
 
     def _add(self, steps: int, moving: tuple[float, float, float, float], bottom: bool = True) -> None:
-        """Primitive: steps and (forward, left, down m/s, yaw rate rad/s); whether the DVL sees the bottom."""
+        """A stretch: steps and (forward, left, down m/s, yaw rate rad/s); whether the DVL sees the bottom."""
         if steps > 0:
-            self._parts.append((steps, moving, bottom))
+            self._states.append(self._stretch(steps, moving, bottom))
+            self._now = self._states[-1][-1]
             self.steps += steps
 
-    def motion(self, steps: int) -> HoverMotion:
-        """The course as it truly was, cut or drawn out by rest to so many steps of the world."""
-        counts = [count for count, _, _ in self._parts]
-        moving = np.repeat(np.array([part for _, part, _ in self._parts]).reshape(-1, 4), counts, axis=0)
-        seen = np.repeat(np.array([bottom for _, _, bottom in self._parts], dtype=bool), counts)
-        if len(moving) < steps:
-            rest = steps - len(moving)
-            moving, seen = np.vstack([moving, np.zeros((rest, 4))]), np.append(seen, np.ones(rest, dtype=bool))
-        moving, seen = moving[:steps], seen[:steps]
-        position0, yaw0, depth0 = self._start
-        dt_s = self._dt_s
-        sums = np.vstack([np.zeros(4), np.cumsum(moving * dt_s, axis=0)])
-        unseen_yaw, unseen_shift = np.zeros(steps + 1), np.zeros((steps + 1, 2))
-        for step, turn, shift in self._jumps:
-            unseen_yaw[step:] += turn
-            unseen_shift[step:] += shift
-        yaw = yaw0 + sums[:, 3] + unseen_yaw
-        moves = turned(moving[:, :2] * dt_s, yaw[:-1])
-        position = position0 + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)]) + unseen_shift
-        travelled = np.vstack([np.zeros(2), np.cumsum(moves * seen[:, None], axis=0)])
-        zero = np.zeros((steps + 1, 2))
-        return HoverMotion(
-            position_m=position, depth_m=depth0 + sums[:, 2], yaw_rad=wrap_angle(yaw), current_mps=zero,
-            believed_yaw_rad=wrap_angle(yaw), command_mps=zero, rate_hz=self.hover.rate_hz,
-            turned_rad=yaw0 + sums[:, 3], travelled_m=travelled,
-        )  # fmt: skip
+    def _stretch(self, steps: int, moving: tuple[float, float, float, float], bottom: bool = True) -> Array:
+        """States after each of so many further steps, (steps, 7)."""
+        forward, left, down, rate = (np.float64(value) * self._dt_s for value in moving)
+        count = np.arange(1, steps + 1)
+        jumped = np.zeros((steps + 1, 3))
+        if self._jump is not None and self.steps < self._jump[0] <= self.steps + steps:
+            step, turn, shift = self._jump
+            jumped[step - self.steps :] = turn, *shift
+        yaw = self._now[3] + rate * np.arange(steps + 1) + jumped[:, 0]
+        moves = np.cumsum(turned(np.tile([forward, left], (steps, 1)), yaw[:-1]), axis=0)
+        return np.column_stack(
+            [
+                self._now[:2] + moves + jumped[1:, 1:],
+                self._now[2] + down * count,
+                yaw[1:],
+                self._now[4] + rate * count,
+                self._now[5:7] + moves * bottom,
+            ]
+        )

@@ -58,7 +58,7 @@ class Legs:
     @property
     def ended(self) -> bool:
         """Nothing of the path is left."""
-        return self._done_m >= self._at_m[-1] - ENDED_M
+        return bool(self._done_m >= self._at_m[-1] - ENDED_M)
 
     def next_leg(self, now_s: float, *, first: bool) -> tuple[list[Point], float | None]:
         """Points of the next leg, and until when it may last, seconds (None: as long as it takes).

@@ -93,9 +93,7 @@ def acoustic_fixes(
     mutual = scenario.mutual
     index, t_s = asked
     mover, landmark = motion
-    speed = sound_speed_between_mps(
-        scenario.acoustics, seed, mover.depth_at(t_s), landmark.depth_at(t_s)
-    )
+    speed = sound_speed_between_mps(scenario.acoustics, seed, mover.depth_at(t_s), landmark.depth_at(t_s))
     way_out = _distance(mover, t_s, landmark, t_s) / speed
     heard_s = t_s + way_out
     replied_s = heard_s + delay_s(scenario)
@@ -134,4 +132,4 @@ def acoustic_fixes(
 def _distance(a: HoverMotion, at_s: Array, b: HoverMotion, bt_s: Array) -> Array:
     """Slant distance, metres, (K,)."""
     flat = b.position_at(bt_s) - a.position_at(at_s)
-    return np.sqrt((flat**2).sum(axis=1) + (b.depth_at(bt_s) - a.depth_at(at_s)) ** 2)
+    return np.asarray(np.sqrt((flat**2).sum(axis=1) + (b.depth_at(bt_s) - a.depth_at(at_s)) ** 2))

@@ -60,7 +60,9 @@ def simulate(
     seabed = None
     if chart is not None or scenario.chart is not None:
         seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
-    flown = _alternating(scenario, seed) if scenario.exchange is not None else _scheduled(scenario, seabed, seed)
+    flown = (
+        _alternating(scenario, seed) if scenario.exchange is not None else _scheduled(scenario, seabed, seed)
+    )
     return MissionLog(
         name=scenario.name,
         seed=seed,

@@ -177,7 +177,8 @@ def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
     """SHA-256 of what a variant's rows depend on: scenario, the navigators' options, files that are read."""
     resolved = scenario.resolved()
     options = {n: options_of(n, resolved).model_dump() for n in navigators if isinstance(n, str)}
-    paths = [scenario.chart.source] if scenario.chart.synthetic is None else []
+    chart = scenario.chart
+    paths = [chart.source] if chart is not None and chart.synthetic is None else []
     paths += [vehicle.track.file for vehicle in scenario.team if vehicle.track is not None]
     # A file that is missing is refused, with a better message, by who reads it.
     files = [hashlib.sha256(Path(p).read_bytes()).hexdigest() for p in paths if Path(p).is_file()]
@@ -287,7 +288,8 @@ def _fly(
         resolved = scenario.resolved()
         world = json.dumps({key: resolved[key] for key in resolved if key not in ("navigator", "metrics")})
         if world not in logs:
-            logs[world] = simulate(scenario, seed, _chart(scenario.chart))
+            chart = None if scenario.chart is None else _chart(scenario.chart)
+            logs[world] = simulate(scenario, seed, chart)
         log = replace(logs[world], scenario=resolved)
         result = run(log, navigators, clouds=False)
         rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)

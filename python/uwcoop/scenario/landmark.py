@@ -1,4 +1,4 @@
-"""Tables of missions in which vehicles take turns as the landmark: how they hover, position each other, and change roles."""
+"""Tables of missions in which vehicles take turns as the landmark: how they move, position each other and hand over."""
 
 from __future__ import annotations
 
@@ -83,7 +83,9 @@ class Mutual(Table):
     def _outliers_ascend(self) -> Mutual:
         low, high = self.outlier_range_m
         if not 0 < low < high:
-            raise ValueError(f"outlier_range_m is [{low:g}, {high:g}]: must be two lengths above 0 in ascending order")
+            raise ValueError(
+                f"outlier_range_m is [{low:g}, {high:g}]: must be two lengths above 0 in ascending order"
+            )
         return self
 
 

@@ -139,7 +139,9 @@ class Scenario(Table):
             raise ValueError(f"exchange needs 2 vehicles: there is {len(names)}")
         for vehicle in self.team:
             if not isinstance(vehicle.path, Waypoints | Lawnmower):
-                raise ValueError(f"vehicle {vehicle.name} needs waypoints or a lawnmower as its path: it hovers")
+                raise ValueError(
+                    f"vehicle {vehicle.name} needs waypoints or a lawnmower as its path: it hovers"
+                )
         main = self.main
         if len(set(main)) < 2:
             raise ValueError(f"exchange.main names {main[0]!r} twice: must be two vehicles")
@@ -149,7 +151,9 @@ class Scenario(Table):
                 if name is not None and name not in names:
                     raise ValueError(f"{key} names {name!r}: no such vehicle, {nearest(name, names)}")
         if self.acoustics.ranging != "one-way":
-            raise ValueError("acoustics.ranging is 'two-way': with exchange the table mutual says how ranges are had")
+            raise ValueError(
+                "acoustics.ranging is 'two-way': with exchange the table mutual says how ranges are had"
+            )
         return self
 
     @property
