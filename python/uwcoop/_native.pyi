@@ -13,6 +13,7 @@ __all__ = [
     "Mission",
     "Navigator",
     "Replay",
+    "TeamEstimator",
     "bilinear_depth",
     "bilinear_gradient",
     "decode_belief",
@@ -143,7 +144,7 @@ class Replay:
     """One team replaying one mission."""
 
     def __new__(
-        cls, mission: Mission, navigators: Sequence[Any], sample_ns: _I8, cloud_every: int
+        cls, mission: Mission, navigators: Sequence[Any] | TeamEstimator, sample_ns: _I8, cloud_every: int
     ) -> Replay: ...
     @property
     def seconds(self) -> float: ...
@@ -151,6 +152,10 @@ class Replay:
     def snapshot(self) -> bytes: ...
     def restore(self, snapshot: bytes) -> None: ...
     def tracks(self) -> dict[str, Any]: ...
+
+@final
+class TeamEstimator:
+    """A centralised reference: fed the events of the whole team, transmits nothing. Empty while a replay holds it."""
 
 def run_all(replays: Sequence[Replay], threads: int) -> None: ...
 def bilinear_depth(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...

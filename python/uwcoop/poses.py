@@ -18,7 +18,9 @@ POSE = ("east", "north", "yaw")
 """Axes of a pose: metres, metres, radians."""
 
 
-def pose_variables(log: MissionLog, records: Sequence[dict[str, Any]], t_ns: NDArray[np.int64]) -> dict[str, Any]:
+def pose_variables(
+    log: MissionLog, records: Sequence[dict[str, Any]], t_ns: NDArray[np.int64]
+) -> dict[str, Any]:
     """`truth_yaw_rad (vehicle, time)` and `pose_covariance (navigator, vehicle, time, pose, pose_b)`.
 
     Nothing where no navigator estimates yaw. NaN for a navigator that does not, and where the truth is unknown.

@@ -1,7 +1,7 @@
 """Sensors: truth -> events. Each draws from streams of its own, so that one more sensor changes no other's
 noise.
 
-Where no seabed is known (off the chart, over a hole) the simulated altimeter gives no event: the world has no
+Where no seabed is known (no chart, off it, over a hole) the simulated altimeter gives no event: the world has no
 depth to measure there, and making one up would feed a navigator a number that no chart, true or wrong, stands
 behind. A recorded sounding is what an echo sounder really read, and is delivered wherever it was taken.
 """
@@ -171,12 +171,12 @@ def water_depth_events(
     if moved.soundings_m is not None and sensor.rate_hz > 0:
         t_s = np.flatnonzero(np.isfinite(moved.soundings_m)).astype(np.float64)
         water = moved.soundings_m[t_s.astype(np.int64)]
+    elif chart is None:
+        t_s = water = np.empty(0)
     else:
-        t_s = sample_times(0.0 if chart is None else sensor.rate_hz, moved.end_s)
+        t_s = sample_times(sensor.rate_hz, moved.end_s)
         noise = sensor.sigma_m * rng.standard_normal(t_s.size)
-        water = t_s
-        if chart is not None and t_s.size:
-            water = chart.depth_at(moved.position_at(t_s)) + tide.at(t_s) + noise
+        water = chart.depth_at(moved.position_at(t_s)) + tide.at(t_s) + noise if t_s.size else t_s
         known = np.isfinite(water)
         t_s, water = t_s[known], water[known]
     return {"t_s": t_s, "water_depth_m": water, "sigma_m": np.full(t_s.size, sensor.sigma_m)}

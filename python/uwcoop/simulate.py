@@ -39,7 +39,7 @@ def simulate(
     Args:
         scenario: a `Scenario`, the name of a packaged one, or the path of a scenario file.
         seed: of the mission, 0 or above; None takes the scenario's.
-        chart: instead of what the scenario's `chart.source` gives. It is what vehicles sound and what
+        chart: instead of what the scenario's `chart.source`, if any, gives. It is what vehicles sound and what
             navigators get; with `[chart.survey]` the former alone, with `[chart.seabed]` the latter.
 
     Returns:
@@ -57,9 +57,7 @@ def simulate(
     if seed < 0:
         raise ScenarioError(f"seed is {seed}: must be at least 0")
     names = tuple(vehicle.name for vehicle in scenario.team)
-    seabed = None
-    if chart is not None or scenario.chart is not None:
-        seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
+    seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
     flown = (
         _alternating(scenario, seed) if scenario.exchange is not None else _scheduled(scenario, seabed, seed)
     )
@@ -91,8 +89,6 @@ class _Flown:
 
 def _scheduled(scenario: Scenario, seabed: Chart | None, seed: int) -> _Flown:
     """Paths and slots that do not depend on each other."""
-    if seabed is None:
-        raise ScenarioError(f"{scenario.name}: key 'chart' is missing")
     names = tuple(vehicle.name for vehicle in scenario.team)
     slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
     motion = team_motion(scenario, seabed, seed)
@@ -115,9 +111,11 @@ def _origin(scenario: Scenario) -> Origin:
     return LocalFrame.at(place.latitude_deg, place.longitude_deg).origin
 
 
-def _seabed_and_chart(spec: ChartSpec | None, given: Chart | None, seed: int) -> tuple[Chart, Chart]:
+def _seabed_and_chart(
+    spec: ChartSpec | None, given: Chart | None, seed: int
+) -> tuple[Chart | None, Chart | None]:
+    """As `seabed_and_chart`, for scenarios that may have none; a chart that is given needs no table."""
     if spec is None:
-        assert given is not None
         return given, given
     return seabed_and_chart(spec, open_chart(spec) if given is None else given, seed)
 

@@ -96,7 +96,8 @@ class Scenario(Table):
 
     def resolved(self) -> dict[str, Any]:
         """Every key with its value, defaults included, ready for JSON; `parse` makes the scenario of it."""
-        dump = self.model_dump(mode="json", exclude_none=True)
+        unused = set() if self.exchange is not None else {"hover", "deployment", "mutual"}
+        dump = self.model_dump(mode="json", exclude_none=True, exclude=unused)
         if not isinstance(self.vehicles, Team):
             team = [vehicle.model_dump(mode="json", exclude_none=True) for vehicle in self.team]
             for given, vehicle in zip(team, self.vehicles, strict=True):

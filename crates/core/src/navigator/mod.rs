@@ -4,6 +4,7 @@ pub mod common;
 pub mod dead_reckoning;
 pub mod dmpf;
 pub mod mpf;
+pub mod origin;
 pub mod range;
 pub mod trajectory;
 
@@ -112,6 +113,12 @@ pub trait Navigator: Send {
     fn particles(&self) -> Option<Particles> {
         None
     }
+
+    /// What else the method can say of itself now, by name with unit (`origin_age_s`): a column each in the record.
+    /// Counts start at 0; what does not apply yet is NaN.
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
 }
 
 /// A centralised reference: fed the events of the whole team, transmits nothing.
@@ -127,6 +134,11 @@ pub trait TeamEstimator: Send {
 
     /// Bytes of the packet that a slot is assumed to carry, for loss and air time.
     fn assumed_packet_bytes(&self) -> usize;
+
+    /// As [`Navigator::diagnostics`], about one vehicle.
+    fn diagnostics(&self, _vehicle: VehicleId) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
 
     /// As [`Navigator::snapshot`].
     ///
