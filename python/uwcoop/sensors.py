@@ -209,8 +209,8 @@ def ground_velocity_events(sensor: GroundVelocitySensor, moved: Motion, rng: np.
     )
     t_s, body = moved.body_velocities(t_s, mounting)
     body = (1 + scale) * body
-    sigma = sensor.sigma_at(np.hypot(*body.T))
-    body = body + sigma[:, None] * rng.standard_normal(body.shape)
+    body = body + sensor.sigma_at(np.hypot(*body.T))[:, None] * rng.standard_normal(body.shape)
+    sigma = sensor.sigma_at(np.hypot(*body.T))  # what it states follows from what it reads
     return {"t_s": t_s, "forward_mps": body[:, 0], "left_mps": body[:, 1], "sigma_mps": sigma}
 
 

@@ -151,6 +151,14 @@ class Scenario(Table):
             for name in who:
                 if name is not None and name not in names:
                     raise ValueError(f"{key} names {name!r}: no such vehicle, {nearest(name, names)}")
+        path = next(vehicle.path for vehicle in self.team if vehicle.name == main[0])
+        first = path.start_m if isinstance(path, Lawnmower) else (0.0, 0.0)
+        first = path.waypoints_m[0] if isinstance(path, Waypoints) else first
+        if first != (0.0, 0.0):
+            raise ValueError(
+                f"vehicle {main[0]} starts at [{first[0]:g}, {first[1]:g}]: the first landmark's pose is the frame, "
+                "its path must start at [0, 0]"
+            )
         if self.acoustics.ranging != "one-way":
             raise ValueError(
                 "acoustics.ranging is 'two-way': with exchange the table mutual says how ranges are had"
