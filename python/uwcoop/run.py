@@ -16,6 +16,7 @@ from uwcoop.errors import LogError
 from uwcoop.missionlog import MissionLog
 from uwcoop.missions import open_mission
 from uwcoop.navigators import NAVIGATORS, Context, Custom, build, native_chart, options_of
+from uwcoop.poses import pose_variables
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -205,6 +206,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "heard": (each, heard, {"long_name": "a packet that arrived now was used"}),
             "received": (("vehicle", "time"), received, {"long_name": "a signal could be heard now"}),
             **optional,
+            **pose_variables(log, records, t_ns),
             **_diagnostics(records),
         },
         coords={

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uwcoop.frames import yaw_from_heading
+from uwcoop.frames import turned, wrap_angle, yaw_from_heading
 from uwcoop.paths import Pursuit, waypoints_of
 from uwcoop.recorded import Record, read_track
 from uwcoop.scenario.vehicle import Adrift
@@ -73,6 +73,32 @@ class Motion:
     def yaw_at(self, t_s: Array) -> Array:
         """True yaw at any times within the mission, (K,)."""
         return self.yaw_rad[self._between(t_s)[0]]
+
+    @property
+    def times_s(self) -> Array:
+        """Instants of the columns, seconds."""
+        return np.arange(len(self.yaw_rad), dtype=np.float64)
+
+    def yaw_on(self, t_s: Array) -> Array:
+        """True yaw that a sensor finds at these times, (K,)."""
+        return self.yaw_rad[t_s.astype(np.int64)]
+
+    def believed_yaw_on(self, t_s: Array) -> Array:
+        """Yaw that the compass shows at these times, (K,)."""
+        return self.believed_yaw_rad[t_s.astype(np.int64)]
+
+    def turn_rates(self, t_s: Array, rate_hz: float) -> tuple[Array, Array]:
+        """What an ideal gyro says at sampling times (K,): when, and mean yaw rate since the last one, rad/s."""
+        return t_s[1:], wrap_angle(np.diff(self.yaw_on(t_s))) * rate_hz
+
+    def body_velocities(self, t_s: Array, mounting_rad: float) -> tuple[Array, Array]:
+        """What a DVL without noise says at sampling times (K,): when, and velocity of the second in progress, (K, 2).
+
+        A mounting turned clockwise by `mounting_rad` sees the velocity turned counter-clockwise.
+        """
+        velocity = np.diff(self.position_m, axis=0)
+        second = np.minimum(t_s.astype(np.int64), len(velocity) - 1)
+        return t_s, turned(velocity[second], mounting_rad - self.yaw_on(t_s))
 
     def _between(self, t_s: Array) -> tuple[NDArray[np.int64], Array]:
         inside = np.clip(t_s, 0.0, self.end_s)
