@@ -3,6 +3,7 @@
 pub mod common;
 pub mod dead_reckoning;
 pub mod dmpf;
+pub mod landmark;
 pub mod mpf;
 pub mod range;
 pub mod trajectory;
@@ -111,6 +112,11 @@ pub trait Navigator: Send {
     /// Particles for pictures.
     fn particles(&self) -> Option<Particles> {
         None
+    }
+
+    /// Named numbers of the method's own: which core is in force, resets, offsets of the last measurement.
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
     }
 }
 

@@ -34,6 +34,7 @@ mod cloud;
 mod error;
 mod field;
 mod header;
+pub mod landmark;
 mod mixture;
 #[cfg(test)]
 mod tests;
