@@ -6,6 +6,8 @@ mod chart;
 mod errors;
 mod event;
 mod kernels;
+mod landmark;
+mod landmark_kernels;
 mod mission;
 mod navigators;
 mod python_navigator;
@@ -21,5 +23,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mission::Mission>()?;
     module.add_class::<replay::Replay>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
+    landmark::register(module)?;
+    landmark_kernels::register(module)?;
     kernels::register(module)
 }

@@ -9,6 +9,7 @@ use std::f64::consts::{PI, TAU};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, positive};
+use crate::kernels::landmark::systematic_resample;
 
 /// [x, y, yaw], m and rad.
 pub type Pose = [f64; 3];
@@ -263,4 +264,25 @@ pub fn from_polar(u: [f64; 6]) -> (Pose, Pose) {
     let [x, y, yaw, rho, beta, gamma] = u;
     let (s, c) = (yaw + beta).sin_cos();
     ([x + rho * c, y + rho * s, wrap(yaw + gamma)], [x, y, wrap(yaw)])
+}
+
+/// Indices that are not in the ascending list `replaced`.
+#[must_use]
+pub fn survivors(count: usize, replaced: &[u32]) -> Vec<u32> {
+    let mut gone = replaced.iter().peekable();
+    (0..count as u32).filter(|i| gone.next_if_eq(&i).is_none()).collect()
+}
+
+/// Ancestors of all particles: survivors resampled among themselves into the survivors' places, the others themselves.
+#[must_use]
+pub fn ancestors_among(survivors: &[u32], logs: &[f64], u0: f64, count: usize) -> Vec<u32> {
+    let top = survivors.iter().map(|i| logs[*i as usize]).fold(f64::NEG_INFINITY, f64::max);
+    let weights: Vec<f64> = survivors.iter().map(|i| (logs[*i as usize] - top).exp()).collect();
+    let mut picked = vec![0u32; survivors.len()];
+    systematic_resample(&weights, u0, &mut picked);
+    let mut ancestors: Vec<u32> = (0..count as u32).collect();
+    for (place, pick) in survivors.iter().zip(picked) {
+        ancestors[*place as usize] = survivors[pick as usize];
+    }
+    ancestors
 }

@@ -10,15 +10,15 @@ use serde::{Deserialize, Serialize};
 
 use super::link::Exchanges;
 use super::model::{
-    Acoustics, Gate, Measurement, Monitor, MonitorRule, Pose, least_likely, log_likelihood_max,
-    log_likelihoods, log_mean_exp, new_particles, offsets, reconstruct, wrap,
+    Acoustics, Gate, Measurement, Monitor, MonitorRule, Pose, ancestors_among, least_likely,
+    log_likelihood_max, log_likelihoods, log_mean_exp, new_particles, offsets, reconstruct, survivors, wrap,
 };
 use super::options::{PacketOptions, check_mixture, check_share};
 use super::paper_cloud::{Columns, PaperCloud, moments};
 use super::robust::PACKET_ANGLES;
 use crate::error::{Error, non_negative};
 use crate::event::{Event, Payload, VehicleId};
-use crate::kernels::landmark::{OdometryStep, systematic_resample};
+use crate::kernels::landmark::OdometryStep;
 use crate::mixture::{Mode, select};
 use crate::navigator::common::{check_event, load, save, seconds};
 use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status};
@@ -433,25 +433,6 @@ impl LandmarkPaper {
             }
         }
     }
-}
-
-/// Indices that are not in the ascending list `replaced`.
-fn survivors(count: usize, replaced: &[u32]) -> Vec<u32> {
-    let mut gone = replaced.iter().peekable();
-    (0..count as u32).filter(|i| gone.next_if_eq(&i).is_none()).collect()
-}
-
-/// Ancestors of all particles: survivors resampled among themselves into the survivors' places, the others themselves.
-fn ancestors_among(survivors: &[u32], logs: &[f64], u0: f64, count: usize) -> Vec<u32> {
-    let top = survivors.iter().map(|i| logs[*i as usize]).fold(f64::NEG_INFINITY, f64::max);
-    let weights: Vec<f64> = survivors.iter().map(|i| (logs[*i as usize] - top).exp()).collect();
-    let mut picked = vec![0u32; survivors.len()];
-    systematic_resample(&weights, u0, &mut picked);
-    let mut ancestors: Vec<u32> = (0..count as u32).collect();
-    for (place, pick) in survivors.iter().zip(picked) {
-        ancestors[*place as usize] = survivors[pick as usize];
-    }
-    ancestors
 }
 
 impl Navigator for LandmarkPaper {
