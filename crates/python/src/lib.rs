@@ -14,6 +14,7 @@ mod origin_references;
 mod python_navigator;
 mod replay;
 mod team_estimator;
+mod team;
 
 /// The compiled core of uwcoop.
 #[pymodule]
@@ -31,5 +32,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
     landmark::register(module)?;
     landmark_kernels::register(module)?;
+    team::register(module)?;
     kernels::register(module)
 }

@@ -135,7 +135,7 @@ impl Options<'_, '_> {
         value.extract()
     }
 
-    fn drift(&self) -> PyResult<Drift> {
+    pub(crate) fn drift(&self) -> PyResult<Drift> {
         Ok(Drift {
             sigma_position_m_per_sqrt_s: self.number("sigma_position_m_per_sqrt_s")?,
             sigma_current_mps_per_sqrt_s: self.number("sigma_current_mps_per_sqrt_s")?,
@@ -206,6 +206,12 @@ impl Options<'_, '_> {
     }
 
     fn mpf(&self) -> PyResult<MpfOptions> {
+        let core = self.mpf_core(None)?;
+        Ok(MpfOptions { range: self.range()?, packet: self.packet()?, ..core })
+    }
+
+    /// `mpf` without what it sends and hears; a drift of its own wins over the options'.
+    pub(crate) fn mpf_core(&self, drift: Option<Drift>) -> PyResult<MpfOptions> {
         Ok(MpfOptions {
             particles: self.count("particles")?,
             resample_share: self.number("resample_share")?,
@@ -218,9 +224,9 @@ impl Options<'_, '_> {
             sounding_spacing_m: self.number("sounding_spacing_m")?,
             least_ess_share: self.number("least_ess_share")?,
             monitor: self.monitor()?,
-            range: self.range()?,
-            packet: self.packet()?,
-            drift: self.drift()?,
+            range: None,
+            packet: PacketKind::Belief,
+            drift: drift.map_or_else(|| self.drift(), Ok)?,
         })
     }
 }

@@ -28,6 +28,7 @@ from uwcoop.navigators.origin import (
     MdeifOptions,
     OriginOptions,
 )
+from uwcoop.navigators.team import TeamOptions, team
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -50,6 +51,7 @@ __all__ = [
     "PythonEstimate",
     "PythonNavigator",
     "Spec",
+    "TeamOptions",
     "build",
     "native_chart",
     "not_realisable",
@@ -138,6 +140,12 @@ def _mpf(context: Context, options: Mapping[str, Any], chart: _native.Chart | No
     )
 
 
+def _team(context: Context, options: Mapping[str, Any], chart: _native.Chart | None) -> Navigator:
+    return team(
+        context.vehicle, context.vehicles, dict(options), chart, context.sound_speed_mps, context.seed
+    )
+
+
 NAVIGATORS: dict[str, Spec] = {
     "dead-reckoning": Spec(
         "Commanded velocity summed up, with the covariance of what it does not know.",
@@ -220,6 +228,12 @@ NAVIGATORS: dict[str, Spec] = {
         listed_only=True,
     ),
     "mpf-terrain-only": Spec("mpf without ranges.", MpfOptions, {"use_ranges": False}, _mpf),
+    "team": Spec(
+        "Every particle carries its teammates; only soundings, displacement and ranges are broadcast.",
+        TeamOptions,
+        {},
+        _team,
+    ),
 }
 """Packaged navigators by name."""
 

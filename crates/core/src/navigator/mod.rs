@@ -7,6 +7,7 @@ pub mod landmark;
 pub mod mpf;
 pub mod origin;
 pub mod range;
+pub mod team;
 pub mod trajectory;
 
 use std::sync::Arc;

@@ -32,6 +32,12 @@ pub enum PacketKind {
     Mixture,
     /// 14: a bank of beliefs, each with those whose information is in it, [`BankPacket`](super::BankPacket).
     Bank,
+    /// 5: local data of a vehicle, [`TeamReport`](super::TeamReport).
+    Team,
+    /// 6: the same with a position fix.
+    TeamFix,
+    /// 7: the same as `f64`.
+    TeamF64,
 }
 
 impl PacketKind {
@@ -44,6 +50,9 @@ impl PacketKind {
             Self::Cloud => 3,
             Self::Mixture => 4,
             Self::Bank => 14,
+            Self::Team => 5,
+            Self::TeamFix => 6,
+            Self::TeamF64 => 7,
         }
     }
 
@@ -54,6 +63,9 @@ impl PacketKind {
             3 => Ok(Self::Cloud),
             4 => Ok(Self::Mixture),
             14 => Ok(Self::Bank),
+            5 => Ok(Self::Team),
+            6 => Ok(Self::TeamFix),
+            7 => Ok(Self::TeamF64),
             _ => Err(PacketError::InvalidCode { field: KIND.name, code }),
         }
     }
