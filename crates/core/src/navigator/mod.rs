@@ -5,6 +5,7 @@ pub mod dead_reckoning;
 pub mod dmpf;
 pub mod mpf;
 pub mod range;
+pub mod sealed;
 pub mod trajectory;
 
 use std::sync::Arc;

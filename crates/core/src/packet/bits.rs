@@ -1,6 +1,6 @@
 //! Bits into bytes and back, most significant bit first.
 
-use super::PacketError;
+use super::{PacketError, layout};
 
 /// Collects bits, most significant first; the last byte is filled up with zeros.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -27,6 +27,7 @@ impl BitWriter {
         if value > maximum {
             return Err(PacketError::TooManyBits { field, value, bits, maximum });
         }
+        layout::note(field, bits);
         let mut left = bits;
         while left > 0 {
             if self.free == 0 {

@@ -24,9 +24,9 @@
 //!
 //! # Where an authentication tag goes
 //!
-//! A checksum finds accidents, not forgers. A tag will stand between payload and CRC, computed with the team's key
-//! over the payload followed by [`implied_bytes`], and the CRC will cover it too: noise is then told from forgery, and
-//! a body's layout does not change. [`SEAL_BYTES`] is the overhead a layout has to leave room for today.
+//! A checksum finds accidents, not forgers. A tag follows the CRC, computed with the team's key over everything before
+//! it and [`implied_bytes`]: [`link::Authenticator`](crate::link::Authenticator) appends and checks it, no layout knows
+//! of it, and what a navigator may fill is the slot less the tag. [`SEAL_BYTES`] is the checksum's overhead.
 
 mod belief;
 mod bits;
@@ -34,6 +34,7 @@ mod cloud;
 mod error;
 mod field;
 mod header;
+pub mod layout;
 mod mixture;
 #[cfg(test)]
 mod tests;
@@ -75,6 +76,7 @@ fn checksum(payload: &[u8], sender: u16, tol_ns: i64) -> u16 {
 #[must_use]
 pub fn seal(mut payload: Vec<u8>, sender: u16, tol_ns: i64) -> Vec<u8> {
     let crc = checksum(&payload, sender, tol_ns);
+    layout::note_end_of_payload(payload.len());
     payload.extend_from_slice(&crc.to_be_bytes());
     payload
 }
