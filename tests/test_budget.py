@@ -77,7 +77,7 @@ def test_cycles_of_other_teams_and_slots() -> None:
     assert [plan.frames for plan in found.slots] == [1, 2, 3]
     for plan in found.slots:
         assert plan.slot_s == pytest.approx(0.3 + plan.frames * 64 * 8 / 250 + 950 / 1500)
-        scheduled = simulate(load("flat-bay", [f"acoustics.slot_s={plan.slot_s:.6f}", "duration_s=90"]), 0)
+        scheduled = simulate(load("flat-bay", [f"acoustics.slot_s={plan.slot_s + 1e-5:.6f}", "duration_s=90"]), 0)
         assert (scheduled.slots["capacity_bytes"] == plan.capacity_bytes).all()
         shorter = load("flat-bay", [f"acoustics.slot_s={plan.slot_s - 0.01:.6f}", "duration_s=90"])
         if plan.frames == 1:
