@@ -8,7 +8,7 @@ use sha2::Sha256;
 
 use super::LinkError;
 use super::error::within;
-use crate::packet::{implied_bytes, layout};
+use crate::packet::implied_bytes;
 
 /// What the key is used for, so that the same key elsewhere never gives the same tag.
 const DOMAIN: &[u8] = b"uwcoop packet tag 1";
@@ -16,7 +16,7 @@ const DOMAIN: &[u8] = b"uwcoop packet tag 1";
 /// Tags of a team's packets: HMAC-SHA-256 (RFC 2104, FIPS 180-4), truncated from the left.
 ///
 /// ```text
-/// on the channel:  | packet: header, body, CRC-16 | tag, 1 to 16 bytes |
+/// on the channel:  | packet: header, body | tag, 1 to 16 bytes |
 /// tag = HMAC(K, packet | sender, u16 big-endian | tol_ns, i64 big-endian)      cut to its first bytes
 /// K   = HMAC(key, "uwcoop packet tag 1" | length of the tag, u8 | mission, u64 big-endian)
 /// ```
@@ -75,7 +75,6 @@ impl Authenticator {
         let mut sealed = Vec::with_capacity(packet.len() + self.tag_bytes);
         sealed.extend_from_slice(packet);
         sealed.extend(tag.iter().take(self.tag_bytes));
-        layout::note("authentication tag", self.tag_bytes as u32 * 8);
         sealed
     }
 

@@ -104,6 +104,11 @@ pub trait Navigator: Send {
         false
     }
 
+    /// Whether packets end in the checksum of [`packet::seal`](crate::packet::seal), which a tag then replaces.
+    fn has_checksum(&self) -> bool {
+        true
+    }
+
     /// What the last fused range told about the own position, nat; NaN for a navigator that does not keep count.
     fn information_nat(&self) -> f64 {
         f64::NAN

@@ -9,14 +9,17 @@ use super::{Estimate, Navigator, Outcome, Particles};
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
 use crate::link::{Authenticator, ReplayGuard};
+use crate::packet::{SEAL_BYTES, layout, open, seal};
 
 /// A navigator whose packets carry tags.
 ///
 /// ```text
-/// transmit: navigator ─ packet ≤ capacity − tag ─► seal ─► channel
-/// handle:   channel ─► open (tag, then counter) ─ packet ─► navigator
+/// transmit: navigator ─ packet ─► drop its CRC ─► append tag ─► channel
+/// handle:   channel ─► check tag, then counter ─► give back its CRC ─ packet ─► navigator
 ///                        └─► rejected and counted: the navigator is not called
 /// ```
+///
+/// The tag takes the place of the checksum that packets end in: a navigator that fills what it is given fills the slot.
 ///
 /// A forged, altered or replayed packet changes nothing but the count in [`Estimate::rejected`]. A snapshot holds the
 /// counters and the navigator's own snapshot, never the key.
@@ -55,7 +58,23 @@ impl<N: Navigator> Sealed<N> {
     fn opened(&self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Option<Arc<[u8]>> {
         let packet = self.authenticator.open(bytes, sender, tol_ns).ok()?;
         self.state.guard.check(sender, tol_ns).ok()?;
-        Some(packet.into())
+        Some(if self.inner.has_checksum() { seal(packet.to_vec(), sender, tol_ns).into() } else { packet.into() })
+    }
+
+    /// What a tag adds to the navigator's own packet, bytes; it may be less than nothing.
+    fn cost_bytes(&self) -> isize {
+        let saved = if self.inner.has_checksum() { SEAL_BYTES } else { 0 };
+        // Both are small.
+        self.authenticator.tag_bytes() as isize - saved as isize
+    }
+
+    /// The navigator's packet as it goes on the channel.
+    fn tagged(&self, packet: &[u8], tol_ns: i64) -> Result<Arc<[u8]>, Error> {
+        let has_checksum = self.inner.has_checksum();
+        let payload = if has_checksum { open(packet, self.own, tol_ns)? } else { packet };
+        let sealed = self.authenticator.seal(payload, self.own, tol_ns);
+        layout::note_tag(self.authenticator.tag_bytes() as u32 * 8, has_checksum);
+        Ok(sealed.into())
     }
 
     /// What no honest source sends is refused before its tag is looked at, as the navigator itself would refuse it.
@@ -91,14 +110,17 @@ impl<N: Navigator> Navigator for Sealed<N> {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        let tag_bytes = self.authenticator.tag_bytes();
-        let Some(room) = capacity_bytes.checked_sub(tag_bytes) else {
-            return Err(Error::PacketTooLong { bytes: tag_bytes, capacity: capacity_bytes });
+        let cost_bytes = self.cost_bytes();
+        let Some(room) = capacity_bytes.checked_add_signed(-cost_bytes) else {
+            let bytes = self.authenticator.tag_bytes();
+            return Err(Error::PacketTooLong { bytes, capacity: capacity_bytes });
         };
         match self.inner.transmit(tol_ns, room) {
-            Ok(packet) => Ok(packet.map(|packet| self.authenticator.seal(&packet, self.own, tol_ns).into())),
+            Ok(Some(packet)) => self.tagged(&packet, tol_ns).map(Some),
+            Ok(None) => Ok(None),
             Err(Error::PacketTooLong { bytes, .. }) => {
-                Err(Error::PacketTooLong { bytes: bytes + tag_bytes, capacity: capacity_bytes })
+                let bytes = bytes.saturating_add_signed(cost_bytes);
+                Err(Error::PacketTooLong { bytes, capacity: capacity_bytes })
             }
             Err(other) => Err(other),
         }
@@ -122,6 +144,10 @@ impl<N: Navigator> Navigator for Sealed<N> {
         self.inner.restore(&inner)?;
         self.state = state;
         Ok(())
+    }
+
+    fn has_checksum(&self) -> bool {
+        false
     }
 
     fn needs_delivery_oracle(&self) -> bool {
@@ -157,6 +183,10 @@ impl Navigator for Box<dyn Navigator> {
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
         self.as_mut().restore(snapshot)
+    }
+
+    fn has_checksum(&self) -> bool {
+        self.as_ref().has_checksum()
     }
 
     fn needs_delivery_oracle(&self) -> bool {

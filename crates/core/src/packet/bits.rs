@@ -14,6 +14,7 @@ impl BitWriter {
     /// An empty writer with room for `bytes` bytes, which then grows without allocating up to that size.
     #[must_use]
     pub fn with_capacity(bytes: usize) -> Self {
+        layout::restart();
         Self { bytes: Vec::with_capacity(bytes), free: 0 }
     }
 

@@ -54,6 +54,8 @@ impl FieldUse {
     }
 }
 
+const CHECKSUM: &str = "CRC-16";
+
 thread_local! {
     static NOTES: RefCell<Option<Vec<FieldUse>>> = const { RefCell::new(None) };
 }
@@ -87,14 +89,35 @@ pub(super) fn explain(scale: impl FnOnce() -> Scale) {
     });
 }
 
-/// Notes the zero bits up to a whole byte, and the checksum.
+/// Begins anew: a packet is written into a writer of its own, and one that was given up is not sent.
+pub(super) fn restart() {
+    NOTES.with_borrow_mut(|notes| {
+        if let Some(notes) = notes {
+            notes.clear();
+        }
+    });
+}
+
+/// Notes the zero bits up to the end of a payload, and the checksum.
 pub(super) fn note_end_of_payload(bytes: usize) {
     let written = NOTES.with_borrow(|notes| {
         notes.as_ref().map_or(bytes * 8, |notes| notes.iter().map(FieldUse::total_bits).sum())
     });
-    // Less than eight where the notes are of this packet alone.
-    note("padding", (bytes * 8).saturating_sub(written).min(7) as u32);
-    note("CRC-16", super::SEAL_BYTES as u32 * 8);
+    note("zero bits", (bytes * 8).saturating_sub(written) as u32);
+    note(CHECKSUM, super::SEAL_BYTES as u32 * 8);
+}
+
+/// Notes a tag of so many bits; it may have taken the checksum's place.
+pub(crate) fn note_tag(bits: u32, replaces_checksum: bool) {
+    NOTES.with_borrow_mut(|notes| {
+        if let Some(notes) = notes
+            && replaces_checksum
+            && notes.last().is_some_and(|last| last.name == CHECKSUM)
+        {
+            notes.pop();
+        }
+    });
+    note("authentication tag", bits);
 }
 
 /// Equal fields once, with their number.

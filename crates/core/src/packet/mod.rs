@@ -24,9 +24,10 @@
 //!
 //! # Where an authentication tag goes
 //!
-//! A checksum finds accidents, not forgers. A tag follows the CRC, computed with the team's key over everything before
-//! it and [`implied_bytes`]: [`link::Authenticator`](crate::link::Authenticator) appends and checks it, no layout knows
-//! of it, and what a navigator may fill is the slot less the tag. [`SEAL_BYTES`] is the checksum's overhead.
+//! A checksum finds accidents, not forgers. A tag, computed with the team's key over the payload and
+//! [`implied_bytes`], finds both, so it takes the checksum's place on the channel:
+//! [`Sealed`](crate::navigator::sealed::Sealed) puts a [`link::Authenticator`](crate::link::Authenticator) around any
+//! navigator, no layout knows of it, and a tag of n bytes costs n − [`SEAL_BYTES`].
 
 mod belief;
 mod bits;
