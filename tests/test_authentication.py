@@ -54,7 +54,7 @@ def test_the_tag_is_what_its_documentation_says() -> None:
 def test_tags_cost_their_bytes_and_change_nothing_else(tag_bytes: int) -> None:
     plain, tagged = flown(), flown(f"{TAGS}={tag_bytes}")
     ours, theirs = (r.summary["navigators"]["mpf"]["packet_bytes"]["max"] for r in (plain, tagged))
-    assert theirs == ours + tag_bytes
+    assert theirs == ours - 2 + tag_bytes
     for name in ("position_m", "covariance_m2", "rejected", "heard"):
         np.testing.assert_array_equal(plain.tracks[name], tagged.tracks[name])
 
@@ -62,10 +62,15 @@ def test_tags_cost_their_bytes_and_change_nothing_else(tag_bytes: int) -> None:
 def test_a_longer_packet_needs_its_frames_and_gets_lost_with_any_of_them() -> None:
     # 47 bytes fit a frame of 64 with a tag of 8; 26 bytes do not fit the only frame of 32.
     assert flown(f"{TAGS}=8", "navigator.mpf.packet=f64").packets["frames"].max() == 1
-    slow = ("acoustics.modem=micromodem-32", "acoustics.slot_s=6", "navigator.dmpf.packet=modes")
-    assert flown(f"{TAGS}=4", *slow, navigators=["dmpf"]).packets["bytes"].max() == 30
-    with pytest.raises(ScenarioError, match=r"dmpf's packet of 34 bytes needs 2 frames of 32 bytes"):
-        flown(f"{TAGS}=8", *slow, navigators=["dmpf"])
+    # Two signals of 8 bytes hold 15 bytes, and three a tag of 4 in place of the checksum.
+    slow = ("acoustics.modem=aloc", "acoustics.max_range_m=300")
+    assert flown(*slow).packets["frames"].max() == 2
+    tagged = flown(f"{TAGS}=4", *slow)
+    assert set(tagged.packets["frames"].tolist()) == {3}
+    assert set(tagged.packets["bytes"].tolist()) == {17}
+    assert tagged.packets["received"].sum() < flown(*slow).packets["received"].sum()
+    with pytest.raises(ScenarioError, match=r"mpf's packet of 17 bytes: slot of 1.60 s is shorter than 3 frames"):
+        flown(f"{TAGS}=4", *slow, "acoustics.slot_s=1.6")
 
 
 def test_navigators_in_python_have_tags_too() -> None:

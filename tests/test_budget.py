@@ -50,30 +50,29 @@ def test_a_tag_costs_its_bytes_and_no_more() -> None:
     )
     assert plain is not None
     assert tagged is not None
-    assert tagged.packet_bytes == plain.packet_bytes + 8
-    assert tagged.fields[:-1] == plain.fields
+    assert tagged.packet_bytes == plain.packet_bytes - 2 + 8  # the checksum's place
+    assert tagged.fields[:-1] == plain.fields[:-1]
     assert plain.fields[4].meaning == "-32768 to 32767.9 m, steps of 0.0625 m, rounded to the nearest"
 
 
 def test_a_tag_that_does_not_fit_the_frame_is_refused_with_the_arithmetic() -> None:
-    slow = ("acoustics.modem=micromodem-32", "acoustics.slot_s=6", "navigator.dmpf.packet=modes")
-    assert planned(*slow, navigators=["dmpf"]).costs["dmpf"].packet_bytes == 26  # type: ignore[union-attr]
-    assert planned(*slow, f"{TAGS}=4", navigators=["dmpf"]).costs["dmpf"].frames == 1  # type: ignore[union-attr]
-    with pytest.raises(
-        ScheduleError, match=r"dmpf's packet of 34 bytes needs 2 frames of 32 bytes.*at most 1"
-    ):
-        planned(*slow, f"{TAGS}=8", navigators=["dmpf"])
+    slow = ("acoustics.modem=aloc", "acoustics.max_range_m=300", "acoustics.slot_s=1.6")
+    plain = planned(*slow, navigators=["mpf"]).costs["mpf"]
+    assert plain is not None
+    assert (plain.packet_bytes, plain.frames) == (15, 2)
+    with pytest.raises(ScheduleError, match=r"mpf's packet of 17 bytes: slot of 1.60 s is shorter than 3 frames"):
+        planned(*slow, f"{TAGS}=4", navigators=["mpf"])
 
 
 def test_cycles_of_other_teams_and_slots() -> None:
-    found = planned()
+    found = planned(navigators=["dead-reckoning", "dmpf", "mpf"])
     teams = {team.vehicles: team for team in found.teams}
     assert sorted(teams) == [2, 3, 4, 5, 8, 12, 16]
     assert teams[3].cycle_s == found.cycle_s == 9
     assert teams[3].heard_per_min == pytest.approx(next(iter(found.heard_per_min.values())))
     assert teams[16].broadcasts_per_min == pytest.approx(60 / 48)
     assert teams[16].heard_per_min == pytest.approx(15 * 60 / 48)
-    assert teams[8].packet_bytes == {"dmpf": 15, "ranging-only": 15, "mpf": 15}
+    assert teams[8].packet_bytes == {"dmpf": 15, "mpf": 15}
     assert [plan.frames for plan in found.slots] == [1, 2, 3]
     for plan in found.slots:
         assert plan.slot_s == pytest.approx(0.3 + plan.frames * 64 * 8 / 250 + 950 / 1500)
@@ -92,7 +91,7 @@ def test_the_report_fits_eighty_columns_and_says_what_is_asked() -> None:
     assert "…" not in text
     assert max(len(line) for line in text.splitlines()) <= 80
     for piece in (
-        "packet of dmpf, mpf", "authentication tag", "152 bits = 19 bytes, 4 of them", "cycle 9 s", "guard 0.63 s",
+        "packet of dmpf, mpf", "authentication tag", "136 bits = 17 bytes, 4 of them", "cycle 9 s", "guard 0.63 s",
         "teams in slots of 3 s", "shortest slots", "0 to 102.3 m",
     ):  # fmt: skip
         assert piece in " ".join(text.split())

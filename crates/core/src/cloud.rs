@@ -233,6 +233,12 @@ impl<const K: usize> Cloud<K> {
         self.equalise();
     }
 
+    /// Whom each particle was copied from in the last [`Cloud::resample`].
+    #[must_use]
+    pub fn ancestors(&self) -> &[u32] {
+        &self.scratch.ancestors
+    }
+
     /// The paper's roughening of the particles that the last [`Cloud::resample`] copied more than once.
     pub fn roughen(&mut self, variance_m2: f64, stream: &Stream) {
         self.scratch.fit(self.east.len());

@@ -12,6 +12,7 @@ mod mission;
 mod navigators;
 mod python_navigator;
 mod replay;
+mod team;
 
 /// The compiled core of uwcoop.
 #[pymodule]
@@ -25,5 +26,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<mission::Mission>()?;
     module.add_class::<replay::Replay>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
+    team::register(module)?;
     kernels::register(module)
 }

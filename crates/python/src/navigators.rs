@@ -87,7 +87,7 @@ pub struct Navigator {
 }
 
 impl Navigator {
-    fn of(navigator: impl CoreNavigator + 'static) -> Self {
+    pub(crate) fn of(navigator: impl CoreNavigator + 'static) -> Self {
         Self { inner: Mutex::new(Some(Box::new(navigator))) }
     }
 
@@ -108,36 +108,36 @@ fn held() -> PyErr {
 }
 
 /// A dict of options; every key must be there, so that defaults stay in one place.
-struct Options<'a, 'py>(&'a Bound<'py, PyDict>);
+pub(crate) struct Options<'a, 'py>(pub(crate) &'a Bound<'py, PyDict>);
 
 impl Options<'_, '_> {
-    fn number(&self, name: &str) -> PyResult<f64> {
+    pub(crate) fn number(&self, name: &str) -> PyResult<f64> {
         self.maybe(name)?.ok_or_else(|| argument(format!("option {name} is missing")))
     }
 
-    fn maybe(&self, name: &str) -> PyResult<Option<f64>> {
+    pub(crate) fn maybe(&self, name: &str) -> PyResult<Option<f64>> {
         match self.0.get_item(name)? {
             Some(value) if !value.is_none() => Ok(Some(value.extract()?)),
             _ => Ok(None),
         }
     }
 
-    fn count(&self, name: &str) -> PyResult<usize> {
+    pub(crate) fn count(&self, name: &str) -> PyResult<usize> {
         let value = self.0.get_item(name)?.ok_or_else(|| argument(format!("option {name} is missing")))?;
         value.extract()
     }
 
-    fn flag(&self, name: &str) -> PyResult<bool> {
+    pub(crate) fn flag(&self, name: &str) -> PyResult<bool> {
         let value = self.0.get_item(name)?.ok_or_else(|| argument(format!("option {name} is missing")))?;
         value.extract()
     }
 
-    fn word(&self, name: &str) -> PyResult<String> {
+    pub(crate) fn word(&self, name: &str) -> PyResult<String> {
         let value = self.0.get_item(name)?.ok_or_else(|| argument(format!("option {name} is missing")))?;
         value.extract()
     }
 
-    fn drift(&self) -> PyResult<Drift> {
+    pub(crate) fn drift(&self) -> PyResult<Drift> {
         Ok(Drift {
             sigma_position_m_per_sqrt_s: self.number("sigma_position_m_per_sqrt_s")?,
             sigma_current_mps_per_sqrt_s: self.number("sigma_current_mps_per_sqrt_s")?,
@@ -208,6 +208,12 @@ impl Options<'_, '_> {
     }
 
     fn mpf(&self) -> PyResult<MpfOptions> {
+        let core = self.mpf_core(None)?;
+        Ok(MpfOptions { range: self.range()?, packet: self.packet()?, ..core })
+    }
+
+    /// `mpf` without what it sends and hears; a drift of its own wins over the options'.
+    pub(crate) fn mpf_core(&self, drift: Option<Drift>) -> PyResult<MpfOptions> {
         Ok(MpfOptions {
             particles: self.count("particles")?,
             resample_share: self.number("resample_share")?,
@@ -220,9 +226,9 @@ impl Options<'_, '_> {
             sounding_spacing_m: self.number("sounding_spacing_m")?,
             least_ess_share: self.number("least_ess_share")?,
             monitor: self.monitor()?,
-            range: self.range()?,
-            packet: self.packet()?,
-            drift: self.drift()?,
+            range: None,
+            packet: PacketKind::Belief,
+            drift: drift.map_or_else(|| self.drift(), Ok)?,
         })
     }
 }

@@ -21,6 +21,7 @@ from uwcoop.navigators.options import (
     DriftOptions,
     MpfOptions,
 )
+from uwcoop.navigators.team import TeamOptions, team
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -39,6 +40,7 @@ __all__ = [
     "PythonEstimate",
     "PythonNavigator",
     "Spec",
+    "TeamOptions",
     "build",
     "native_chart",
     "options_of",
@@ -114,6 +116,12 @@ def _mpf(context: Context, options: Mapping[str, Any], chart: _native.Chart | No
     )
 
 
+def _team(context: Context, options: Mapping[str, Any], chart: _native.Chart | None) -> Navigator:
+    return team(
+        context.vehicle, context.vehicles, dict(options), chart, context.sound_speed_mps, context.seed
+    )
+
+
 NAVIGATORS: dict[str, Spec] = {
     "dead-reckoning": Spec(
         "Commanded velocity summed up, with the covariance of what it does not know.",
@@ -143,6 +151,12 @@ NAVIGATORS: dict[str, Spec] = {
         _mpf,
     ),
     "mpf-terrain-only": Spec("mpf without ranges.", MpfOptions, {"use_ranges": False}, _mpf),
+    "team": Spec(
+        "Every particle carries its teammates; only soundings, displacement and ranges are broadcast.",
+        TeamOptions,
+        {},
+        _team,
+    ),
 }
 """Packaged navigators by name."""
 
@@ -170,6 +184,10 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
     diagnostics = (scenario or {}).get("diagnostics", {})
     if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in model.model_fields:
         own.setdefault("entropy_sigma_m", diagnostics["entropy_sigma_m"])
+    # A packet that is laid out for its frame keeps the tag's room.
+    tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
+    if tags and "tag_bytes" in model.model_fields:
+        own.setdefault("tag_bytes", tags)
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:

@@ -14,6 +14,7 @@ pub mod likelihood;
 pub mod lookup;
 pub mod math;
 pub mod particles;
+pub mod team;
 #[cfg(test)]
 mod variants;
 pub mod weights;

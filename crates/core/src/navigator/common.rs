@@ -126,16 +126,16 @@ impl Drift {
 /// A navigator's side of the acoustic link: sequence numbers, what was heard, own depth.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Radio {
-    own: VehicleId,
-    depth_m: f64,
-    sequencer: Sequencer,
-    windows: Vec<ReceiveWindow>,
+    pub(super) own: VehicleId,
+    pub(super) depth_m: f64,
+    pub(super) sequencer: Sequencer,
+    pub(super) windows: Vec<ReceiveWindow>,
     heard: HeardBitmap,
-    sound_speed_mps: f64,
+    pub(super) sound_speed_mps: f64,
 }
 
 /// A slant range this many sigmas shorter than the difference of the depths is refused.
-const SLANT_GATES: f64 = 4.0;
+pub(super) const SLANT_GATES: f64 = 4.0;
 
 /// What a teammate said of its own position at launch.
 #[derive(Debug, Clone, PartialEq)]
@@ -261,7 +261,7 @@ impl Radio {
     }
 
     /// Counts the packet as sent if it fits.
-    fn launch(&mut self, bytes: Vec<u8>, capacity_bytes: usize) -> Result<Arc<[u8]>, Error> {
+    pub(super) fn launch(&mut self, bytes: Vec<u8>, capacity_bytes: usize) -> Result<Arc<[u8]>, Error> {
         if bytes.len() > capacity_bytes {
             return Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes });
         }
@@ -294,6 +294,7 @@ impl Radio {
                 let packet = BeliefPacket::decode(bytes, sender, tol_ns).ok()?;
                 (packet.header, Said::Gaussian(packet.belief))
             }
+            PacketKind::Team | PacketKind::TeamFix | PacketKind::TeamF64 => return None,
         };
         let range = range_m(tol_ns, toa_ns, self.sound_speed_mps).and_then(|slant_m| {
             slant_to_horizontal(slant_m, self.depth_m, header.depth_m, sigma_range_m, SLANT_GATES)
@@ -324,6 +325,8 @@ pub struct ParticleCore<const K: usize> {
     pub rejected: u64,
     /// What the last fused range told, nat; NaN where not asked for.
     pub information_nat: f64,
+    /// How often fixes that insisted scattered the cloud anew.
+    pub restarts: u32,
     drift: Drift,
     streams: Streams,
     step: u32,
@@ -361,6 +364,7 @@ impl<const K: usize> ParticleCore<K> {
             status: Status::NotStarted,
             rejected: 0,
             information_nat: f64::NAN,
+            restarts: 0,
             drift,
             streams,
             step: 0,
@@ -450,6 +454,7 @@ impl<const K: usize> ParticleCore<K> {
             }
             self.contradicting_fixes = 0;
             let stream = self.next_stream(Purpose::Recovery);
+            self.restarts = self.restarts.wrapping_add(1);
             self.cloud.scatter_disc(position_m, [r[(0, 0)], r[(0, 1)], r[(1, 1)]], &stream);
             return Outcome::Fused;
         }

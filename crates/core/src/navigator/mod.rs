@@ -6,6 +6,7 @@ pub mod dmpf;
 pub mod mpf;
 pub mod range;
 pub mod sealed;
+pub mod team;
 pub mod trajectory;
 
 use std::sync::Arc;

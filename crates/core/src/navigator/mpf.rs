@@ -84,17 +84,17 @@ const SOFTENINGS: usize = 6;
 
 /// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) linear states.
 pub struct Mpf<const K: usize> {
-    own: VehicleId,
-    options: MpfOptions,
-    chart: Option<Arc<Chart>>,
-    state: State<K>,
+    pub(super) own: VehicleId,
+    pub(super) options: MpfOptions,
+    pub(super) chart: Option<Arc<Chart>>,
+    pub(super) state: State<K>,
     scratch: Scratch,
 }
 
 #[derive(Serialize, Deserialize)]
-struct State<const K: usize> {
-    core: ParticleCore<K>,
-    radio: Radio,
+pub(super) struct State<const K: usize> {
+    pub(super) core: ParticleCore<K>,
+    pub(super) radio: Radio,
     /// Travelled distance at the last sounding used, m.
     sounded_at_m: Option<f64>,
     health: f64,
@@ -161,26 +161,48 @@ impl<const K: usize> Mpf<K> {
     }
 
     fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
+        let outcome = self.weigh_fix(position_m, covariance_m2);
+        self.resample();
+        outcome
+    }
+
+    /// A fix up to its weights: resampling is left to the caller.
+    pub(super) fn weigh_fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let core = &mut self.state.core;
         let fresh = !core.started();
         let outcome = core.fix(position_m, covariance_m2);
         if fresh {
             core.cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
         }
-        self.resample();
         outcome
     }
 
     /// One sounding: lookup, offset update, tempered weights, health, resampling.
     fn sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> Outcome {
+        let (outcome, health) = self.weigh_sounding(water_depth_m, sensor_sigma_m);
+        if let Some(statistic) = health
+            && !self.watch(statistic)
+        {
+            self.resample();
+        }
+        outcome
+    }
+
+    /// A sounding up to its weights; with the health statistic where it was used. Watching and resampling are left to the
+    /// caller.
+    pub(super) fn weigh_sounding(
+        &mut self,
+        water_depth_m: f64,
+        sensor_sigma_m: f64,
+    ) -> (Outcome, Option<f64>) {
         let core = &mut self.state.core;
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
-            return Outcome::Noted;
+            return (Outcome::Noted, None);
         };
         let travelled_m = trajectory.travelled_m();
         let apart_m = self.state.sounded_at_m.map(|at| travelled_m - at);
         if apart_m.is_some_and(|d| d < self.options.sounding_spacing_m) {
-            return Outcome::Noted;
+            return (Outcome::Noted, None);
         }
         let correlation_m = self.options.correlation_length_m.unwrap_or(chart.correlation_length_m());
         let shared = apart_m.map_or(1.0, |d| (2.0 * correlation_m / d.max(1e-9)).clamp(1.0, MOST_SHARED));
@@ -203,7 +225,7 @@ impl<const K: usize> Mpf<K> {
             if !core.fill_holes(&mut column) {
                 core.cloud.put_back(column);
                 core.rejected += 1;
-                return Outcome::Gated;
+                return (Outcome::Gated, None);
             }
             if cloud_keeps(&core.cloud, &column, self.options.least_ess_share) {
                 break;
@@ -216,14 +238,11 @@ impl<const K: usize> Mpf<K> {
         }
         core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
         core.cloud.reweight(column);
-        if !self.watch(health.unwrap_or(0.0)) {
-            self.resample();
-        }
-        Outcome::Fused
+        (Outcome::Fused, health)
     }
 
     /// Health monitor; true after an alarm, when the cloud was spread.
-    fn watch(&mut self, statistic: f64) -> bool {
+    pub(super) fn watch(&mut self, statistic: f64) -> bool {
         let (Some(monitor), Some(now_ns)) = (self.options.monitor, self.state.core.now_ns()) else {
             return false;
         };

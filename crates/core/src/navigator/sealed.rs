@@ -58,7 +58,11 @@ impl<N: Navigator> Sealed<N> {
     fn opened(&self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Option<Arc<[u8]>> {
         let packet = self.authenticator.open(bytes, sender, tol_ns).ok()?;
         self.state.guard.check(sender, tol_ns).ok()?;
-        Some(if self.inner.has_checksum() { seal(packet.to_vec(), sender, tol_ns).into() } else { packet.into() })
+        Some(if self.inner.has_checksum() {
+            seal(packet.to_vec(), sender, tol_ns).into()
+        } else {
+            packet.into()
+        })
     }
 
     /// What a tag adds to the navigator's own packet, bytes; it may be less than nothing.

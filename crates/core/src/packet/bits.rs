@@ -116,6 +116,23 @@ impl<'a> BitReader<'a> {
     }
 }
 
+impl BitReader<'_> {
+    /// Ends the reading of a body in a frame of fixed length: only zero bits may follow.
+    ///
+    /// # Errors
+    /// [`PacketError::Padding`] when a bit that is not zero follows.
+    pub fn finish_payload(mut self) -> Result<(), PacketError> {
+        let left_bits = self.left_bits();
+        while self.left_bits() > 0 {
+            let value = self.take("padding", self.left_bits().min(64) as u32)?;
+            if value != 0 {
+                return Err(PacketError::Padding { left_bits, value });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// The largest number of `bits` bits.
 pub(super) fn mask(field: &'static str, bits: u32) -> Result<u64, PacketError> {
     match bits {

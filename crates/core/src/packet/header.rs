@@ -30,6 +30,12 @@ pub enum PacketKind {
     Cloud,
     /// 4: a few modes, [`MixturePacket`](super::MixturePacket).
     Mixture,
+    /// 5: local data of a vehicle, [`TeamReport`](super::TeamReport).
+    Team,
+    /// 6: the same with a position fix.
+    TeamFix,
+    /// 7: the same as `f64`.
+    TeamF64,
 }
 
 impl PacketKind {
@@ -41,6 +47,9 @@ impl PacketKind {
             Self::BeliefF64 => 2,
             Self::Cloud => 3,
             Self::Mixture => 4,
+            Self::Team => 5,
+            Self::TeamFix => 6,
+            Self::TeamF64 => 7,
         }
     }
 
@@ -50,6 +59,9 @@ impl PacketKind {
             2 => Ok(Self::BeliefF64),
             3 => Ok(Self::Cloud),
             4 => Ok(Self::Mixture),
+            5 => Ok(Self::Team),
+            6 => Ok(Self::TeamFix),
+            7 => Ok(Self::TeamF64),
             _ => Err(PacketError::InvalidCode { field: KIND.name, code }),
         }
     }

@@ -37,6 +37,7 @@ mod field;
 mod header;
 pub mod layout;
 mod mixture;
+mod team;
 #[cfg(test)]
 mod tests;
 mod uncertainty;
@@ -48,6 +49,10 @@ pub use error::PacketError;
 pub use field::{AngleField, FixedField, FloatField, ModuloField, Rounding, UnsignedField};
 pub use header::{Header, HeardBitmap, PacketKind, TEAM_MAX};
 pub use mixture::{MODES_MAX, MixturePacket};
+pub use team::{
+    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, SPACINGS_S, TeamLayout,
+    TeamReport,
+};
 pub use uncertainty::{CorrelationField, SigmaField};
 
 use crc::{CRC_16_IBM_3740, Crc};

@@ -1,0 +1,724 @@
+//! Joint Gaussians over teammates, one for each particle: prediction, soundings, fixes, ranges, jitter.
+//!
+//! Columns are structures of arrays: `mean` holds D columns of N particles, `covariance` the rows of the packed lower
+//! triangle, one column of N for each element. A teammate's block is
+//!
+//! ```text
+//! base + 0 1 2 3   4   5       6
+//!        e n b c_e c_n heading thrust
+//! ```
+//!
+//! A packet becomes a list of [`Op`]s that is run for [`LANES`] particles at a time: their joint Gaussian stays in the
+//! first-level cache from the first prediction to the last range.
+
+use super::dispatch;
+use super::lookup::Grid;
+use super::math::ln;
+
+/// Particles that are worked on together.
+pub const LANES: usize = 8;
+/// States of one teammate.
+pub const BLOCK: usize = 7;
+
+const E: usize = 0;
+const N: usize = 1;
+const B: usize = 2;
+
+type Lane = [f64; LANES];
+
+/// Elements of a packed lower triangle of `d` rows.
+#[must_use]
+pub const fn packed_len(d: usize) -> usize {
+    d * (d + 1) / 2
+}
+
+/// Place of (row, column) in a packed lower triangle; either order.
+#[inline(always)]
+#[must_use]
+pub const fn packed(r: usize, c: usize) -> usize {
+    if r >= c { packed_len(r) + c } else { packed_len(c) + r }
+}
+
+/// One block moves on by `dt_s`: position += displacement + F [c, heading, thrust].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prediction {
+    /// Commanded displacement, m.
+    pub displacement_m: [f64; 2],
+    /// Length of the step, s.
+    pub dt_s: f64,
+    /// Commanded speed, m/s: over it the displacement is what a metre per second of thrust bias adds. Below 5 cm/s a
+    /// bias has no direction.
+    pub speed_mps: f64,
+    /// White noise of the position per axis, m²/s.
+    pub position_m2_per_s: f64,
+    /// Walks of current (each axis), heading bias and thrust bias, per second.
+    pub walk_per_s: [f64; 3],
+}
+
+/// One thing that a packet says about the sender's block, in the order of time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Op {
+    /// Time passes.
+    Predict(Prediction),
+    /// A sounding of the sender.
+    Sounding {
+        /// m.
+        water_depth_m: f64,
+        /// Variance of sounding and rounding, m².
+        noise_m2: f64,
+        /// Walk of the datum offset, m².
+        walk_m2: f64,
+        /// Soundings that share one chart error, n_c ≥ 1.
+        shared: f64,
+    },
+    /// A position fix of the sender.
+    Fix {
+        /// m.
+        position_m: [f64; 2],
+        /// Variance per axis, m².
+        variance_m2: f64,
+    },
+    /// A range between the sender and where this vehicle was: `own` chooses the columns of [`Own`].
+    RangeToOwn {
+        /// Which of the two instants.
+        own: usize,
+        /// m.
+        range_m: f64,
+        /// m².
+        variance_m2: f64,
+    },
+    /// A range between the sender's block and another.
+    RangeToBlock {
+        /// First state of the other block.
+        base: usize,
+        /// m.
+        range_m: f64,
+        /// m².
+        variance_m2: f64,
+    },
+}
+
+impl Op {
+    /// Whether it has a likelihood.
+    #[must_use]
+    pub fn weighs(&self) -> bool {
+        !matches!(self, Self::Predict(_))
+    }
+}
+
+/// Standard deviation of the chart's error under a block.
+#[derive(Debug, Clone, Copy)]
+pub enum MapSigma<'a> {
+    /// The same everywhere, m.
+    Uniform(f64),
+    /// One for each node of the chart, m; `fallback` where it is not finite.
+    PerNode {
+        /// Row-major, like the chart.
+        sigma_m: &'a [f32],
+        /// m.
+        fallback: f64,
+    },
+}
+
+/// Where soundings are looked up.
+#[derive(Debug, Clone, Copy)]
+pub struct Terrain<'a> {
+    /// The chart proper: the centre of the five points must lie on it.
+    pub chart: Grid<'a, f32>,
+    /// A copy with its holes filled: the outer four may lie on it.
+    pub filled: Grid<'a, f32>,
+    /// Its error.
+    pub sigma: MapSigma<'a>,
+    /// Degrees of freedom of Student's t; infinite for a Gaussian.
+    pub dof: f64,
+}
+
+/// Own positions of each particle at two instants: at the last launch, and at the packet's arrival.
+#[derive(Debug, Clone, Copy)]
+pub struct Own<'a> {
+    /// [east, north] columns for each instant, m.
+    pub at: [[&'a [f64]; 2]; 2],
+}
+
+/// The joint Gaussians of all particles.
+pub struct Joints<'a> {
+    /// Number of states.
+    pub dim: usize,
+    /// D columns of N.
+    pub mean: &'a mut [f64],
+    /// Packed rows of N, of the particles that `order` names.
+    pub before: &'a [f64],
+    /// Whose covariance each particle has.
+    pub order: &'a [u32],
+    /// Out: packed rows of N, in the particles' order.
+    pub after: &'a mut [f64],
+    /// Scratch, resized as needed.
+    pub scratch: &'a mut Vec<Lane>,
+}
+
+/// What [`run`] does: operations on the block that starts at `base`.
+pub struct Program<'a> {
+    /// First state of the sender's block.
+    pub base: usize,
+    /// In the order of time.
+    pub ops: &'a [Op],
+    /// None: soundings have no likelihood and change nothing.
+    pub terrain: Option<Terrain<'a>>,
+    /// Own positions.
+    pub own: Own<'a>,
+}
+
+dispatch! {
+    /// Runs a packet's operations for every particle.
+    ///
+    /// `log_likelihood` gets one column of N for each operation that weighs, in their order; NaN where a particle has
+    /// no chart. `innovation` gets [innovation, its variance] of the last operation that weighs.
+    pub fn run(
+        program: &Program<'_>,
+        joints: &mut Joints<'_>,
+        log_likelihood: &mut [f64],
+        innovation: &mut [&mut [f64]; 2],
+    ) {
+        let d = joints.dim;
+        let n = joints.order.len();
+        joints.scratch.resize(2 * d + packed_len(d), [0.0; LANES]);
+        let (m, rest) = joints.scratch.split_at_mut(d);
+        let (hp, p) = rest.split_at_mut(d);
+        for first in (0..n).step_by(LANES) {
+            let count = (n - first).min(LANES);
+            for (k, m) in m.iter_mut().enumerate() {
+                load(m, &joints.mean[k * n..(k + 1) * n], first, count);
+            }
+            // Lanes past the end repeat the last particle.
+            let mut from = [0usize; LANES];
+            for l in 0..LANES {
+                from[l] = joints.order[first + l.min(count - 1)] as usize;
+            }
+            for (k, p) in p.iter_mut().enumerate() {
+                let column = &joints.before[k * n..(k + 1) * n];
+                for l in 0..LANES {
+                    p[l] = column[from[l]];
+                }
+            }
+            let mut row = 0;
+            for op in program.ops {
+                let (ll, nu, s) = match *op {
+                    Op::Predict(step) => {
+                        predict(m, p, program.base, &step);
+                        continue;
+                    }
+                    Op::Sounding { water_depth_m, noise_m2, walk_m2, shared } => match &program.terrain {
+                        Some(terrain) => sounding(
+                            m, p, hp, program.base, terrain, water_depth_m, noise_m2, walk_m2, shared,
+                        ),
+                        None => ([f64::NAN; LANES], [0.0; LANES], [1.0; LANES]),
+                    },
+                    Op::Fix { position_m, variance_m2 } => {
+                        fix(m, p, hp, program.base, position_m, variance_m2)
+                    }
+                    Op::RangeToOwn { own, range_m, variance_m2 } => {
+                        let [east, north] = program.own.at[own & 1];
+                        let mut at = [[0.0; LANES]; 2];
+                        load(&mut at[0], east, first, count);
+                        load(&mut at[1], north, first, count);
+                        range(m, p, hp, program.base, Peer::Point(at), range_m, variance_m2)
+                    }
+                    Op::RangeToBlock { base, range_m, variance_m2 } => {
+                        range(m, p, hp, program.base, Peer::Block(base), range_m, variance_m2)
+                    }
+                };
+                store(&ll, &mut log_likelihood[row * n..(row + 1) * n], first, count);
+                store(&nu, innovation[0], first, count);
+                store(&s, innovation[1], first, count);
+                row += 1;
+            }
+            for (k, m) in m.iter().enumerate() {
+                store(m, &mut joints.mean[k * n..(k + 1) * n], first, count);
+            }
+            for (k, p) in p.iter().enumerate() {
+                store(p, &mut joints.after[k * n..(k + 1) * n], first, count);
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn load(lane: &mut Lane, column: &[f64], first: usize, count: usize) {
+    if count == LANES {
+        lane.copy_from_slice(&column[first..first + LANES]);
+    } else {
+        for l in 0..LANES {
+            lane[l] = column[first + l.min(count - 1)];
+        }
+    }
+}
+
+#[inline(always)]
+fn store(lane: &Lane, column: &mut [f64], first: usize, count: usize) {
+    column[first..first + count].copy_from_slice(&lane[..count]);
+}
+
+/// x += a·y.
+#[inline(always)]
+fn add_scaled(x: &mut Lane, a: f64, y: &Lane) {
+    for l in 0..LANES {
+        x[l] += a * y[l];
+    }
+}
+
+/// m, P ← F m + displacement, F P Fᵀ + Q for one block; the others keep their place and their correlation.
+#[inline(always)]
+fn predict(m: &mut [Lane], p: &mut [Lane], base: usize, step: &Prediction) {
+    let dt = step.dt_s;
+    let [de, dn] = step.displacement_m;
+    let (te, tn) =
+        if step.speed_mps > 0.05 { (de / step.speed_mps, dn / step.speed_mps) } else { (0.0, 0.0) };
+    // Rows of F that are not the identity, over [c_e, c_n, heading, thrust].
+    let f = [[dt, 0.0, dn, te], [0.0, dt, -de, tn]];
+    let drive = [base + 3, base + 4, base + 5, base + 6];
+    let (e, n) = (base + E, base + N);
+    for (axis, by) in [(e, de), (n, dn)] {
+        let mut moved = m[axis];
+        for l in 0..LANES {
+            moved[l] += by;
+        }
+        for k in 0..4 {
+            add_scaled(&mut moved, f[axis - base][k], &m[drive[k]]);
+        }
+        m[axis] = moved;
+    }
+    let old: [[Lane; 4]; 2] = std::array::from_fn(|a| std::array::from_fn(|k| p[packed(base + a, drive[k])]));
+    for j in (0..m.len()).filter(|j| *j != e && *j != n) {
+        let (mut pe, mut pn) = (p[packed(e, j)], p[packed(n, j)]);
+        for k in 0..4 {
+            let x = p[packed(drive[k], j)];
+            add_scaled(&mut pe, f[0][k], &x);
+            add_scaled(&mut pn, f[1][k], &x);
+        }
+        p[packed(e, j)] = pe;
+        p[packed(n, j)] = pn;
+    }
+    let (mut ee, mut en, mut nn) = (p[packed(e, e)], p[packed(n, e)], p[packed(n, n)]);
+    for k in 0..4 {
+        let (new_e, new_n) = (p[packed(e, drive[k])], p[packed(n, drive[k])]);
+        for l in 0..LANES {
+            ee[l] += f[0][k] * (old[0][k][l] + new_e[l]);
+            en[l] += f[1][k] * new_e[l] + f[0][k] * old[1][k][l];
+            nn[l] += f[1][k] * (old[1][k][l] + new_n[l]);
+        }
+    }
+    // A walk of the current over a long step moves the position as well.
+    let q = step.walk_per_s[0];
+    let (position, coupled) = (dt * step.position_m2_per_s + q * dt * dt * dt / 3.0, 0.5 * q * dt * dt);
+    for l in 0..LANES {
+        ee[l] += position;
+        nn[l] += position;
+        p[packed(base + 3, e)][l] += coupled;
+        p[packed(base + 4, n)][l] += coupled;
+        for k in 0..4 {
+            p[packed(drive[k], drive[k])][l] += dt * step.walk_per_s[if k < 2 { 0 } else { k - 1 }];
+        }
+    }
+    p[packed(e, e)] = ee;
+    p[packed(n, e)] = en;
+    p[packed(n, n)] = nn;
+}
+
+/// m += hp ν/s, P −= hp hpᵀ/s, with hp = P Hᵀ; `inverse` is 1/s, 0 where nothing is to change.
+#[inline(always)]
+fn update(m: &mut [Lane], p: &mut [Lane], hp: &[Lane], innovation: &Lane, inverse: &Lane) {
+    let mut at = 0;
+    for r in 0..m.len() {
+        let mut gain = [0.0; LANES];
+        for l in 0..LANES {
+            gain[l] = hp[r][l] * inverse[l];
+            m[r][l] += gain[l] * innovation[l];
+        }
+        for (p, hp) in p[at..=at + r].iter_mut().zip(hp) {
+            for l in 0..LANES {
+                p[l] -= gain[l] * hp[l];
+            }
+        }
+        at += r + 1;
+    }
+}
+
+/// A sounding: the chart statistically linearised over the block's position with five points (see the methods page).
+#[inline(always)]
+fn sounding(
+    m: &mut [Lane],
+    p: &mut [Lane],
+    hp: &mut [Lane],
+    base: usize,
+    terrain: &Terrain<'_>,
+    water_depth_m: f64,
+    noise_m2: f64,
+    walk_m2: f64,
+    shared: f64,
+) -> (Lane, Lane, Lane) {
+    const ROOT_3: f64 = 1.732_050_807_568_877_2;
+    let (e, n, b) = (base + E, base + N, base + B);
+    let (me, mn, mb) = (m[e], m[n], m[b]);
+    for l in 0..LANES {
+        p[packed(b, b)][l] += walk_m2;
+    }
+    let (mut l11, mut l21, mut l22) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let (ee, en, nn) = (p[packed(e, e)][l], p[packed(n, e)][l], p[packed(n, n)][l]);
+        // A millimetre keeps the quotients defined.
+        l11[l] = (if ee > 1e-6 { ee } else { 1e-6 }).sqrt();
+        l21[l] = en / l11[l];
+        let rest = nn - l21[l] * l21[l];
+        l22[l] = (if rest > 1e-6 { rest } else { 1e-6 }).sqrt();
+    }
+    let shifted = |se: f64, sn: f64| {
+        let (mut x, mut y) = (me, mn);
+        for l in 0..LANES {
+            x[l] += ROOT_3 * se * l11[l];
+            y[l] += ROOT_3 * (se * l21[l] + sn * l22[l]);
+        }
+        depths(&terrain.filled, &x, &y)
+    };
+    let (h1, h2) = (shifted(1.0, 0.0), shifted(-1.0, 0.0));
+    let (h3, h4) = (shifted(0.0, 1.0), shifted(0.0, -1.0));
+    let h0 = depths(&terrain.chart, &me, &mn);
+    let sigma = sigma_map(terrain, &me, &mn);
+    let (mut nu, mut rho, mut known) = ([0.0; LANES], [0.0; LANES], [false; LANES]);
+    let (mut ge, mut gn) = ([0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let mean = h0[l] / 3.0 + (h1[l] + h2[l] + h3[l] + h4[l]) / 6.0;
+        let (d1, d2) = ((h1[l] - h2[l]) / (2.0 * ROOT_3), (h3[l] - h4[l]) / (2.0 * ROOT_3));
+        let square = |h: f64| (h - mean) * (h - mean);
+        let residual = square(h0[l]) / 3.0
+            + (square(h1[l]) + square(h2[l]) + square(h3[l]) + square(h4[l])) / 6.0
+            - d1 * d1
+            - d2 * d2;
+        let on_chart = !mean.is_nan();
+        known[l] = on_chart;
+        let north = d2 / l22[l];
+        let east = (d1 - north * l21[l]) / l11[l];
+        let innovation = water_depth_m - mean - mb[l];
+        nu[l] = if on_chart { innovation } else { 0.0 };
+        rho[l] = if residual > 0.0 { residual } else { 0.0 };
+        gn[l] = if on_chart { north } else { 0.0 };
+        ge[l] = if on_chart { east } else { 0.0 };
+    }
+    for (r, hp) in hp.iter_mut().enumerate() {
+        let (pe, pn, pb) = (&p[packed(r, e)], &p[packed(r, n)], &p[packed(r, b)]);
+        for l in 0..LANES {
+            hp[l] = ge[l] * pe[l] + gn[l] * pn[l] + pb[l];
+        }
+    }
+    let gaussian = terrain.dof == f64::INFINITY;
+    let dof = if gaussian { 1.0 } else { terrain.dof };
+    let (mut ll, mut s_out, mut inverse) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let spread = ge[l] * hp[e][l] + gn[l] * hp[n][l] + hp[b][l];
+        let noise = noise_m2 + sigma[l] * sigma[l];
+        let s = spread + noise + rho[l];
+        let square = nu[l] * nu[l];
+        let tails = 0.5 * (dof + 1.0) * ln(1.0 + square / (dof * s));
+        let value = -(if gaussian { 0.5 * square / s } else { tails }) - 0.5 * ln(s);
+        ll[l] = if known[l] { value / shared } else { f64::NAN };
+        let r = shared * noise + rho[l];
+        let heavy = (dof + square / (spread + r)) / (dof + 1.0);
+        let inflation = if gaussian || heavy < 1.0 { 1.0 } else { heavy };
+        inverse[l] = if known[l] { 1.0 / (spread + inflation * r) } else { 0.0 };
+        s_out[l] = s;
+    }
+    update(m, p, hp, &nu, &inverse);
+    (ll, nu, s_out)
+}
+
+/// A fix, one axis after the other.
+#[inline(always)]
+fn fix(
+    m: &mut [Lane],
+    p: &mut [Lane],
+    hp: &mut [Lane],
+    base: usize,
+    position_m: [f64; 2],
+    variance_m2: f64,
+) -> (Lane, Lane, Lane) {
+    let (mut ll, mut nu, mut s) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for axis in [E, N] {
+        let state = base + axis;
+        for (r, hp) in hp.iter_mut().enumerate() {
+            *hp = p[packed(r, state)];
+        }
+        let mut inverse = [0.0; LANES];
+        for l in 0..LANES {
+            nu[l] = position_m[axis] - m[state][l];
+            s[l] = hp[state][l] + variance_m2;
+            inverse[l] = 1.0 / s[l];
+            ll[l] -= 0.5 * (nu[l] * nu[l] * inverse[l] + ln(s[l]));
+        }
+        update(m, p, hp, &nu, &inverse);
+    }
+    (ll, nu, s)
+}
+
+/// The other end of a range.
+enum Peer {
+    Point([Lane; 2]),
+    Block(usize),
+}
+
+/// A range, second order in what stands across the line of sight.
+#[inline(always)]
+fn range(
+    m: &mut [Lane],
+    p: &mut [Lane],
+    hp: &mut [Lane],
+    base: usize,
+    peer: Peer,
+    range_m: f64,
+    variance_m2: f64,
+) -> (Lane, Lane, Lane) {
+    let (e, n) = (base + E, base + N);
+    let (at, a) = match peer {
+        Peer::Point(at) => (at, [p[packed(e, e)], p[packed(n, e)], p[packed(n, n)]]),
+        Peer::Block(other) => {
+            let (oe, on) = (other + E, other + N);
+            let mut a = [[0.0; LANES]; 3];
+            for l in 0..LANES {
+                a[0][l] = p[packed(e, e)][l] + p[packed(oe, oe)][l] - 2.0 * p[packed(e, oe)][l];
+                a[1][l] =
+                    p[packed(n, e)][l] + p[packed(on, oe)][l] - p[packed(n, oe)][l] - p[packed(e, on)][l];
+                a[2][l] = p[packed(n, n)][l] + p[packed(on, on)][l] - 2.0 * p[packed(n, on)][l];
+            }
+            ([m[oe], m[on]], a)
+        }
+    };
+    let (mut ue, mut un, mut nu, mut s) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let (de, dn) = (m[e][l] - at[0][l], m[n][l] - at[1][l]);
+        let d = (de * de + dn * dn).sqrt();
+        let d = if d > 1e-9 { d } else { 1e-9 };
+        (ue[l], un[l]) = (de / d, dn / d);
+        let (ee, en, nn) = (a[0][l], a[1][l], a[2][l]);
+        let across = un[l] * un[l] * ee - 2.0 * ue[l] * un[l] * en + ue[l] * ue[l] * nn;
+        let across = if across > 0.0 { across } else { 0.0 };
+        let root = across.sqrt();
+        let curvature = across / if d > root { d } else { root };
+        nu[l] = range_m - d - 0.5 * curvature;
+        s[l] = variance_m2 + 0.5 * curvature * curvature;
+    }
+    for (r, hp) in hp.iter_mut().enumerate() {
+        let (pe, pn) = (&p[packed(r, e)], &p[packed(r, n)]);
+        for l in 0..LANES {
+            hp[l] = ue[l] * pe[l] + un[l] * pn[l];
+        }
+        if let Peer::Block(other) = peer {
+            let (pe, pn) = (&p[packed(r, other + E)], &p[packed(r, other + N)]);
+            for l in 0..LANES {
+                hp[l] -= ue[l] * pe[l] + un[l] * pn[l];
+            }
+        }
+    }
+    let mut spread = [0.0; LANES];
+    for l in 0..LANES {
+        spread[l] = ue[l] * hp[e][l] + un[l] * hp[n][l];
+    }
+    if let Peer::Block(other) = peer {
+        for l in 0..LANES {
+            spread[l] -= ue[l] * hp[other + E][l] + un[l] * hp[other + N][l];
+        }
+    }
+    let (mut ll, mut inverse) = ([0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        s[l] += if spread[l] > 0.0 { spread[l] } else { 0.0 };
+        inverse[l] = 1.0 / s[l];
+        ll[l] = -0.5 * (nu[l] * nu[l] * inverse[l] + ln(s[l]));
+    }
+    update(m, p, hp, &nu, &inverse);
+    (ll, nu, s)
+}
+
+/// Bilinear depths; NaN off the grid or where one of the four nodes is a hole.
+#[inline(always)]
+fn depths(grid: &Grid<'_, f32>, east_m: &Lane, north_m: &Lane) -> Lane {
+    let inverse = 1.0 / grid.cell_m;
+    let (last_e, last_n) = ((grid.cols - 1) as f64, (grid.rows - 1) as f64);
+    let (mut index, mut fe, mut fn_) = ([0usize; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+    let mut inside = [false; LANES];
+    for l in 0..LANES {
+        let (x, y) = ((east_m[l] - grid.east0_m) * inverse, (north_m[l] - grid.north0_m) * inverse);
+        inside[l] = x >= 0.0 && y >= 0.0 && x <= last_e && y <= last_n;
+        // The last node belongs to the last cell; what is outside (or NaN) reads the first cell and is dropped.
+        let x = if inside[l] { x } else { 0.0 };
+        let y = if inside[l] { y } else { 0.0 };
+        let (column, row) = ((x as i32).min(grid.cols as i32 - 2), (y as i32).min(grid.rows as i32 - 2));
+        fe[l] = (x - f64::from(column)) as f32;
+        fn_[l] = (y - f64::from(row)) as f32;
+        index[l] = row as usize * grid.cols + column as usize;
+    }
+    let mut out = [0.0; LANES];
+    for l in 0..LANES {
+        let at = index[l];
+        debug_assert!(at + grid.cols + 1 < grid.values.len());
+        // SAFETY: column ≤ cols − 2 and row ≤ rows − 2, so the four nodes of the cell are on the grid.
+        let (sw, se, nw, ne) = unsafe {
+            (
+                *grid.values.get_unchecked(at),
+                *grid.values.get_unchecked(at + 1),
+                *grid.values.get_unchecked(at + grid.cols),
+                *grid.values.get_unchecked(at + grid.cols + 1),
+            )
+        };
+        let south = sw + fe[l] * (se - sw);
+        let north = nw + fe[l] * (ne - nw);
+        let depth = f64::from(south + fn_[l] * (north - south));
+        out[l] = if inside[l] { depth } else { f64::NAN };
+    }
+    out
+}
+
+/// Standard deviation of the chart's error at the nearest node.
+#[inline(always)]
+fn sigma_map(terrain: &Terrain<'_>, east_m: &Lane, north_m: &Lane) -> Lane {
+    match terrain.sigma {
+        MapSigma::Uniform(sigma) => [sigma; LANES],
+        MapSigma::PerNode { sigma_m, fallback } => {
+            let grid = &terrain.chart;
+            let mut out = [fallback; LANES];
+            for l in 0..LANES {
+                let column = ((east_m[l] - grid.east0_m) / grid.cell_m + 0.5).floor();
+                let row = ((north_m[l] - grid.north0_m) / grid.cell_m + 0.5).floor();
+                if column >= 0.0 && row >= 0.0 && column < grid.cols as f64 && row < grid.rows as f64 {
+                    let at = row as usize * grid.cols + column as usize;
+                    if let Some(sigma) = sigma_m.get(at).filter(|s| s.is_finite() && **s >= 0.0) {
+                        out[l] = f64::from(*sigma);
+                    }
+                }
+            }
+            out
+        }
+    }
+}
+
+/// Scratch of [`jitter_followers`].
+#[derive(Debug, Clone, Default)]
+pub struct JitterScratch {
+    mean: Vec<f64>,
+    root: Vec<f64>,
+    column: Vec<f64>,
+}
+
+dispatch! {
+    /// Liu–West on columns that follow others: the joint of `leaders` and `followers` is shrunk and jittered with its own
+    /// covariance, and only the followers are written (the leaders' own jitter, with `leader_normals`, is the same with
+    /// and without followers). All columns have N entries; `followers` and `normals` hold theirs one after another.
+    pub fn jitter_followers(
+        leaders: &[&[f64]],
+        leader_normals: &[&[f64]],
+        followers: &mut [f64],
+        normals: &[f64],
+        bandwidth: f64,
+        scratch: &mut JitterScratch,
+    ) {
+        let Some(n) = leaders.first().map(|c| c.len()).filter(|n| *n > 0) else { return };
+        let (k, d) = (leaders.len(), leaders.len() + followers.len() / n);
+        let JitterScratch { mean, root, column } = scratch;
+        mean.resize(d, 0.0);
+        root.resize(packed_len(d), 0.0);
+        column.resize(n, 0.0);
+        let inverse = 1.0 / n as f64;
+        let at = |j: usize| ((j - k) * n, (j - k + 1) * n);
+        for j in 0..d {
+            let total = if j < k {
+                sum(leaders[j])
+            } else {
+                let (a, b) = at(j);
+                sum(&followers[a..b])
+            };
+            mean[j] = total * inverse;
+        }
+        for r in 0..d {
+            let row = if r < k {
+                leaders[r]
+            } else {
+                let (a, b) = at(r);
+                &followers[a..b]
+            };
+            for c in 0..=r {
+                let other = if c < k {
+                    leaders[c]
+                } else {
+                    let (a, b) = at(c);
+                    &followers[a..b]
+                };
+                root[packed(r, c)] = product_sum(row, mean[r], other, mean[c]) * inverse;
+            }
+            // A trace of jitter keeps the factor defined where columns are linearly dependent.
+            let diagonal = &mut root[packed(r, r)];
+            *diagonal += 1e-9 * *diagonal + 1e-14;
+        }
+        if !cholesky(root, d) {
+            return;
+        }
+        let shrink = (1.0 - bandwidth * bandwidth).sqrt();
+        for r in k..d {
+            let (a, b) = at(r);
+            for (x, old) in column.iter_mut().zip(&followers[a..b]) {
+                *x = mean[r] + shrink * (old - mean[r]);
+            }
+            for c in 0..=r {
+                let factor = bandwidth * root[packed(r, c)];
+                let z = if c < k { leader_normals[c] } else { &normals[(c - k) * n..(c - k + 1) * n] };
+                for (x, z) in column.iter_mut().zip(z) {
+                    *x += factor * z;
+                }
+            }
+            followers[a..b].copy_from_slice(column);
+        }
+    }
+}
+
+/// In-place Cholesky factor of a packed lower triangle; false, and garbage, for what is not positive definite.
+#[inline(always)]
+fn cholesky(a: &mut [f64], d: usize) -> bool {
+    for r in 0..d {
+        for c in 0..=r {
+            let mut sum = a[packed(r, c)];
+            for k in 0..c {
+                sum -= a[packed(r, k)] * a[packed(c, k)];
+            }
+            if r == c {
+                if sum.is_nan() || sum <= 0.0 {
+                    return false;
+                }
+                a[packed(r, r)] = sum.sqrt();
+            } else {
+                a[packed(r, c)] = sum / a[packed(c, c)];
+            }
+        }
+    }
+    true
+}
+
+/// Σ x in eight interleaved lanes.
+#[inline(always)]
+fn sum(x: &[f64]) -> f64 {
+    let (whole, rest) = x.as_chunks::<8>();
+    let mut sums = [0.0; 8];
+    for x in whole {
+        for l in 0..8 {
+            sums[l] += x[l];
+        }
+    }
+    sums.iter().sum::<f64>() + rest.iter().sum::<f64>()
+}
+
+/// Σ (x − mx)(y − my), likewise.
+#[inline(always)]
+fn product_sum(x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
+    let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<8>(), y.as_chunks::<8>());
+    let mut sums = [0.0; 8];
+    for (x, y) in x.iter().zip(y) {
+        for l in 0..8 {
+            sums[l] += (x[l] - mx) * (y[l] - my);
+        }
+    }
+    sums.iter().sum::<f64>() + x_rest.iter().zip(y_rest).map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
+}

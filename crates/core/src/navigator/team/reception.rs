@@ -1,0 +1,326 @@
+//! A packet of a teammate: read, put in the order of time, run over every particle's Gaussian, weighed.
+
+use super::group::Group;
+use super::program::{Reading, Target};
+use super::{Team, Teammate};
+use crate::chart::{Chart, SigmaMap};
+use crate::event::VehicleId;
+use crate::kernels::lookup::{Grid, bilinear};
+use crate::kernels::team::{BLOCK, Joints, MapSigma, Op, Own, Program as Run, Terrain, run};
+use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
+use crate::link::{range_m, slant_to_horizontal};
+use crate::navigator::Outcome;
+use crate::navigator::common::SLANT_GATES;
+use crate::packet::{FixSays, TeamReport};
+
+/// A packet that would leave too few particles has its weights quartered at most so many times.
+const SOFTENINGS: usize = 6;
+/// Share of the weight that must have a chart for a sounding to be weighed.
+const CHART_SHARE: f64 = 0.2;
+
+/// Mean and covariance [ee, en, nn] of a block's position over all particles.
+pub fn position_moments(group: &Group, base: usize, weights: &[f64]) -> ([f64; 2], [f64; 3]) {
+    let (east, north) = (group.mean_of(base), group.mean_of(base + 1));
+    let mean = [weighted_mean(weights, east), weighted_mean(weights, north)];
+    // Covariances may stand in another order than weights: their mean over particles is taken through it.
+    let inner = |r: usize, c: usize| -> f64 {
+        let column = group.covariance_of(r, c);
+        weights.iter().zip(&group.order).map(|(w, o)| w * column[*o as usize]).sum()
+    };
+    let outer = [
+        weighted_covariance(weights, east, mean[0], east, mean[0]),
+        weighted_covariance(weights, east, mean[0], north, mean[1]),
+        weighted_covariance(weights, north, mean[1], north, mean[1]),
+    ];
+    let (e, n) = (base, base + 1);
+    (mean, [outer[0] + inner(e, e), outer[1] + inner(n, e), outer[2] + inner(n, n)])
+}
+
+/// The representative of `value` modulo `modulus` that is nearest to `reference`.
+fn unwrap_near(value: f64, modulus: f64, reference: f64) -> f64 {
+    if modulus.is_finite() { value + modulus * ((reference - value) / modulus).round() } else { value }
+}
+
+impl<const K: usize> Team<K> {
+    pub(super) fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
+        if !self.options.use_ranges {
+            return Outcome::Noted;
+        }
+        let Some(range_m) = self.read(sender, tol_ns, toa_ns, bytes) else {
+            self.mpf.state.core.rejected += 1;
+            return Outcome::Rejected;
+        };
+        let Some(mate) = self.known_or_joined(sender, tol_ns) else { return Outcome::Noted };
+        self.fuse(sender, tol_ns, toa_ns, range_m, mate);
+        Outcome::Fused
+    }
+
+    /// Decodes and admits a packet; its horizontal range. `None`, and nothing has changed, for one that is refused.
+    fn read(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Option<f64> {
+        let report = &mut self.scratch.report;
+        report.decode(bytes, &self.layout, sender, tol_ns).ok()?;
+        let core = &self.mpf.state.core;
+        core.displacement_since(toa_ns).filter(|_| core.started())?;
+        // Local data in the past of what is known cannot be taken up any more.
+        if self.state.mates.get(usize::from(sender))?.is_some_and(|m| tol_ns <= m.tol_ns) {
+            return None;
+        }
+        let radio = &mut self.mpf.state.radio;
+        let slant_m = range_m(tol_ns, toa_ns, radio.sound_speed_mps).ok()?;
+        let sigma_m = self.options.sigma_range_m;
+        let horizontal =
+            slant_to_horizontal(slant_m, radio.depth_m, report.depth_m, sigma_m, SLANT_GATES).ok()?;
+        radio.windows.get_mut(usize::from(sender))?.accept(report.sequence, tol_ns).ok()?;
+        Some(horizontal.range_m)
+    }
+
+    /// The teammate as of its last packet, its dead reckoning unwrapped; one that is heard for the first time is taken in
+    /// where its fix was. `None` while its packets do not say where it started.
+    fn known_or_joined(&mut self, sender: VehicleId, tol_ns: i64) -> Option<Teammate> {
+        let report = &mut self.scratch.report;
+        let modulus = report.position_modulus_m;
+        let reference = match &self.state.mates[usize::from(sender)] {
+            Some(mate) => mate.position_m,
+            None => self.mpf.state.core.cloud.position_moments().0,
+        };
+        for (position, reference) in report.position_m.iter_mut().zip(reference) {
+            *position = unwrap_near(*position, modulus, reference);
+        }
+        if let Some(mate) = self.state.mates[usize::from(sender)] {
+            return Some(mate);
+        }
+        let fix = report.fix?;
+        let mut mate = Teammate {
+            tol_ns: tol_ns.saturating_sub((fix.age_s * 1e9).round() as i64),
+            position_m: report.position_m,
+            sequence: report.sequence,
+            since_sounding_m: None,
+        };
+        let residual_m = match fix.said {
+            FixSays::Start(since_m) => {
+                mate.position_m = [0, 1].map(|a| report.position_m[a] - since_m[a]);
+                [0.0; 2]
+            }
+            FixSays::Residual(residual_m) => {
+                let mut before = mate;
+                before.tol_ns = i64::MIN;
+                self.scratch.program.trace(report, tol_ns, &before);
+                let reckoned = self.scratch.program.at(mate.tol_ns);
+                mate.position_m = [0, 1].map(|a| report.position_m[a] + reckoned[a]);
+                residual_m
+            }
+        };
+        // What it said of itself before it was taken in is used up by that.
+        self.scratch.report.fix = None;
+        let drift = &self.options.drifts[usize::from(sender)];
+        let sigmas: [f64; BLOCK] = [
+            fix.sigma_m,
+            fix.sigma_m,
+            self.options.core.sigma_offset0_m,
+            drift.sigma_current0_mps,
+            drift.sigma_current0_mps,
+            drift.sigma_heading_bias0_rad,
+            drift.sigma_thrust_bias0_mps,
+        ];
+        let at = [0, 1].map(|a| mate.position_m[a] + residual_m[a]);
+        let group = self.group_of(sender);
+        self.state.groups[group].join(sender, at, sigmas);
+        Some(mate)
+    }
+
+    fn fuse(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, range_m: f64, mate: Teammate) {
+        let index = self.group_of(sender);
+        let Some(base) = self.state.groups[index].base_of(sender) else { return };
+        self.scratch.program.trace(&self.scratch.report, tol_ns, &mate);
+        let shift_m = self.depth_shift(index, base, tol_ns, &mate);
+        let drift = self.options.drifts[usize::from(sender)];
+        let correlation = self.mpf.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
+        let reading = Reading {
+            report: &self.scratch.report,
+            tol_ns,
+            drift: &drift,
+            offset_walk_m2: self.options.core.sigma_offset_m_per_sounding.powi(2),
+            sounding_m2: self.options.core.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
+            correlation_m: self.options.core.correlation_length_m.unwrap_or(correlation),
+            range_m2: self.options.sigma_range_m.powi(2),
+        };
+        let targets = targets(&self.scratch.report, &self.state, index, self.mpf.own);
+        let speed = self.mpf.state.radio.sound_speed_mps;
+        let ranges = targets.map(|(launch_ns, range_m, target)| {
+            (launch_ns.saturating_add((range_m / speed * 1e9) as i64), range_m, target)
+        });
+        let since_sounding_m = self.scratch.program.build(&reading, &mate, shift_m, ranges);
+        let sequence = self.scratch.report.sequence;
+        let position_m = self.scratch.report.position_m;
+
+        let mut column = self.mpf.state.core.cloud.likelihood_column();
+        self.run(index, base, &mut column);
+        self.own_positions(toa_ns);
+        if self.contradicts(index, base, range_m) {
+            self.mpf.state.core.rejected += 1;
+        } else {
+            let variance_m2 = self.options.sigma_range_m.powi(2);
+            self.scratch.program.ops.clear();
+            self.scratch.program.ops.push(Op::RangeToOwn { own: 1, range_m, variance_m2 });
+            self.run(index, base, &mut column);
+            self.state.book.range(sender, sequence, range_m);
+        }
+        let mate = Teammate { tol_ns, position_m, sequence, since_sounding_m };
+        self.state.mates[usize::from(sender)] = Some(mate);
+        self.weigh(column);
+    }
+
+    /// What to add to the packet's depths, which are known modulo something: by the depth expected under the sender.
+    /// `None` without a chart there.
+    fn depth_shift(&self, index: usize, base: usize, tol_ns: i64, mate: &Teammate) -> Option<f64> {
+        let chart = self.mpf.chart.as_ref()?;
+        let (report, program) = (&self.scratch.report, &self.scratch.program);
+        if !report.depth_modulus_m.is_finite() {
+            return Some(0.0);
+        }
+        let (group, weights) = (&self.state.groups[index], self.weights());
+        let state = |k: usize| weighted_mean(weights, group.mean_of(base + k));
+        let began = program.at(mate.tol_ns);
+        report.soundings.iter().find_map(|s| {
+            let t_ns = tol_ns.saturating_sub((s.age_s * 1e9).round() as i64);
+            let (at, dt_s) = (program.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
+            let place = [0, 1].map(|a| state(a) + at[a] - began[a] + state(3 + a) * dt_s);
+            let depth = bilinear(&self.filled_grid(chart), place[0], place[1]);
+            let whole = unwrap_near(s.water_depth_m, report.depth_modulus_m, depth + state(2));
+            depth.is_finite().then_some(whole - s.water_depth_m)
+        })
+    }
+
+    fn filled_grid<'a>(&'a self, chart: &'a Chart) -> Grid<'a, f32> {
+        let grid = chart.grid();
+        Grid { values: self.filled.as_deref().unwrap_or(grid.values), ..grid }
+    }
+
+    /// Runs the program in scratch and adds what it says of the particles.
+    fn run(&mut self, index: usize, base: usize, column: &mut [f64]) {
+        let n = column.len();
+        let options = &self.options.core;
+        let weighing = self.scratch.program.ops.iter().filter(|op| op.weighs()).count();
+        self.scratch.rows.resize(weighing * n, 0.0);
+        self.scratch.innovation.iter_mut().for_each(|c| c.resize(n, 0.0));
+        self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
+        let cloud = &self.mpf.state.core.cloud;
+        let launch = self.state.launch.as_ref();
+        let terrain = self.mpf.chart.as_deref().map(|chart| {
+            let grid = chart.grid();
+            Terrain {
+                chart: grid,
+                filled: Grid { values: self.filled.as_deref().unwrap_or(grid.values), ..grid },
+                sigma: match (options.sigma_map_m, chart.sigma_map()) {
+                    (Some(sigma), _) | (None, &SigmaMap::Uniform(sigma)) => MapSigma::Uniform(sigma),
+                    (None, SigmaMap::PerNode { sigma_m, fallback }) => {
+                        MapSigma::PerNode { sigma_m, fallback: *fallback }
+                    }
+                },
+                dof: options.student_dof,
+            }
+        });
+        let program = Run {
+            base,
+            ops: &self.scratch.program.ops,
+            terrain,
+            own: Own {
+                at: [
+                    launch.map_or([&cloud.east, &cloud.north], |l| [&l.east, &l.north]),
+                    [&self.scratch.own[0], &self.scratch.own[1]],
+                ],
+            },
+        };
+        let (dim, mean, before, order, after) = self.state.groups[index].columns();
+        let mut joints = Joints { dim, mean, before, order, after, scratch: &mut self.scratch.lanes };
+        let [nu, s] = &mut self.scratch.innovation;
+        run(&program, &mut joints, &mut self.scratch.rows, &mut [nu, s]);
+        self.state.groups[index].written();
+        for row in self.scratch.rows.chunks(n).take(weighing) {
+            add_row(row, cloud.weights(), column);
+        }
+    }
+
+    /// Where each particle was when the packet arrived, into scratch.
+    fn own_positions(&mut self, toa_ns: i64) {
+        let core = &self.mpf.state.core;
+        let back = core.displacement_since(toa_ns).unwrap_or_default();
+        for (axis, now) in [&core.cloud.east, &core.cloud.north].into_iter().enumerate() {
+            let at = &mut self.scratch.own[axis];
+            at.clear();
+            at.extend(now.iter().map(|x| x - back[axis]));
+        }
+    }
+
+    /// Whether a range is further off than the gate of what cloud, block and sensor allow.
+    fn contradicts(&self, index: usize, base: usize, range_m: f64) -> bool {
+        let (group, weights) = (&self.state.groups[index], self.weights());
+        let [east, north] = &self.scratch.own;
+        let (mean, [ee, en, nn]) = position_moments(group, base, weights);
+        let own = [weighted_mean(weights, east), weighted_mean(weights, north)];
+        let (oe, on) = (
+            weighted_covariance(weights, east, own[0], east, own[0]),
+            weighted_covariance(weights, north, own[1], north, own[1]),
+        );
+        let (de, dn) = (mean[0] - own[0], mean[1] - own[1]);
+        let d = de.hypot(dn).max(1e-9);
+        let (ue, un) = (de / d, dn / d);
+        let radial = ue * ue * (ee + oe) + 2.0 * ue * un * en + un * un * (nn + on);
+        let across = un * un * (ee + oe) - 2.0 * ue * un * en + ue * ue * (nn + on);
+        let curvature = across.max(0.0) / d;
+        let off = range_m - d - 0.5 * curvature;
+        let variance = self.options.sigma_range_m.powi(2) + radial + 0.5 * curvature * curvature;
+        off * off > self.options.range_gate_sigmas.powi(2) * variance
+    }
+
+    /// Weighs the particles by a packet, softened if it would leave too few.
+    fn weigh(&mut self, mut column: Vec<f64>) {
+        let cloud = &mut self.mpf.state.core.cloud;
+        let least = self.options.least_ess_share * cloud.len() as f64;
+        for _ in 0..SOFTENINGS {
+            if least <= 0.0 || cloud.ess_after(&column) >= least {
+                break;
+            }
+            column.iter_mut().for_each(|l| *l *= 0.25);
+        }
+        cloud.reweight(column);
+        self.resample();
+    }
+}
+
+/// Adds one log-likelihood; particles without a chart take the mean likelihood of those that have one. A sounding that
+/// too few can weigh says nothing.
+fn add_row(row: &[f64], weights: &[f64], column: &mut [f64]) {
+    let (top, share) = known_share(row, weights);
+    if share < CHART_SHARE || !top.is_finite() {
+        return;
+    }
+    if row.iter().any(|l| l.is_nan()) {
+        let known = row.iter().zip(weights).filter(|(l, _)| !l.is_nan());
+        let sum: f64 = known.map(|(l, w)| w * (l - top).exp()).sum();
+        let neutral = top + (sum / share).ln();
+        column.iter_mut().zip(row).for_each(|(c, l)| *c += if l.is_nan() { neutral } else { *l });
+    } else {
+        column.iter_mut().zip(row).for_each(|(c, l)| *c += l);
+    }
+}
+
+/// Reported ranges that can be used: to this vehicle's last launch, or to a block of the same group that stands at the
+/// launch which the range was measured to.
+fn targets<'a>(
+    report: &'a TeamReport,
+    state: &'a super::State,
+    index: usize,
+    own: VehicleId,
+) -> impl Iterator<Item = (i64, f64, Target)> + 'a {
+    report.ranges.iter().filter_map(move |range| {
+        if range.vehicle == own {
+            let launch = state.launch.as_ref().filter(|l| l.sequence & 3 == range.sequence)?;
+            return Some((launch.tol_ns, range.range_m, Target::Own));
+        }
+        let mate =
+            state.mates.get(usize::from(range.vehicle))?.filter(|m| m.sequence & 3 == range.sequence)?;
+        let base = state.groups.get(index)?.base_of(range.vehicle)?;
+        Some((mate.tol_ns, range.range_m, Target::Block(base)))
+    })
+}

@@ -1,0 +1,73 @@
+"""Options of `team`: every particle carries its teammates, and only local data is broadcast."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from uwcoop import _native
+from uwcoop.errors import NavigatorError
+from uwcoop.navigators.options import DRIFT_PRESETS, MpfOptions, NonNegative, Positive
+
+DriftName = Literal["table-1", "no-dvl", "dvl"]
+DRIFT_KEYS = (
+    "sigma_position_m_per_sqrt_s",
+    "sigma_current_mps_per_sqrt_s",
+    "sigma_current0_mps",
+    "sigma_heading_bias0_rad",
+    "sigma_heading_bias_rad_per_sqrt_s",
+    "sigma_thrust_bias0_mps",
+    "sigma_thrust_bias_mps_per_sqrt_s",
+)
+
+
+class TeamOptions(MpfOptions):
+    """Options of `team`: those of `mpf`'s core, and the following."""
+
+    particles: Annotated[int, Field(ge=10, le=10_000_000)] = 1500
+    packet: Literal["rounded", "f64"] = "rounded"
+    """Own data since the last broadcast, in one frame; or the same as float64, for studies."""
+    frame_bytes: Annotated[int, Field(ge=16, le=256)] = 32
+    """Bytes of a packet, tag or checksum included; larger teams thin their soundings to fit."""
+    tag_bytes: Annotated[int, Field(ge=0, le=32)] = 4
+    """Bytes of the frame that are kept for an authentication tag; it takes the checksum's place."""
+    packet_spacing_m: NonNegative = 0.0
+    """Least distance between the soundings that are sent."""
+    team_drift: tuple[DriftName, ...] | None = None
+    """Class of drift of each vehicle, in the team's order; None: all as `drift` and the options beside it."""
+    group_size: Annotated[int, Field(ge=1, le=15)] = 4
+    """Teammates whose cross-covariances are kept. Larger teams fall into groups of this size: ranges between groups are
+    left out, everything else stays exact."""
+    packet_least_ess_share: Annotated[float, Field(ge=0, le=0.5)] = 0.02
+    """A packet that would leave a smaller effective share of the particles has its weight quartered, six times at most."""
+    fill_reach_m: Positive = 60.0
+    """Over holes no wider than this a teammate's sounding is linearised on a filled copy of the chart."""
+
+    def native(self, correlation_length_m: float) -> dict[str, Any]:
+        """As `mpf`, with the drift of each class of vehicle."""
+        values = super().native(correlation_length_m)
+        values["presets"] = {
+            name: {key: preset.get(key, values[key]) for key in DRIFT_KEYS}
+            for name, preset in DRIFT_PRESETS.items()
+        }
+        return values
+
+
+def team(vehicle: int, vehicles: int, options: dict[str, Any], chart: _native.Chart | None, sound_speed_mps: float,
+         seed: int) -> _native.Navigator:  # fmt: skip
+    """The native navigator of one vehicle.
+
+    Raises:
+        NavigatorError: `team_drift` does not name every vehicle, or an option is outside its bounds.
+    """
+    names = options["team_drift"]
+    if names is None:
+        drifts = [{key: options[key] for key in DRIFT_KEYS}] * vehicles
+    elif len(names) == vehicles:
+        drifts = [options["presets"][name] for name in names]
+    else:
+        raise NavigatorError(f"navigator.team.team_drift names {len(names)} vehicles: the team has {vehicles}")
+    return _native.team_navigator(
+        vehicle, vehicles, {**options, "drifts": drifts}, chart, sound_speed_mps, seed
+    )
