@@ -112,7 +112,8 @@ _RUN_COLUMNS: _Columns = (
     ("anees", "ANEES\n(2)", "{:.2f}"),
     ("state_anees_per_dof", "state\nANEES\n/dof (1)", "{:.2f}"),
     ("yaw_rmse_deg", "yaw\nRMSE\n(°)", "{:.2f}"),
-    ("rmse_over_bound", "RMSE\n/ bound", "{:.2f}"),
+    ("rmse_over_bound", "RMSE\n/\nbound", "{:.2f}"),
+    ("rmse_over_linearised_bound", "/ lin.\nbound", "{:.2f}"),
     ("rejected", "re-\njected", "{:.0f}"),
 )
 
@@ -124,7 +125,8 @@ _STUDY_COLUMNS: _Columns = (
     ("anees_median", "ANEES\nmedian\n(2)", "{:.2f}"),
     ("state_anees_per_dof", "state\nANEES\n/dof (1)", "{:.2f}"),
     ("lost_share", "lost\n\n(%)", "{:.0%}"),
-    ("rmse_over_bound", "RMSE\n/ bound", "{:.2f}"),
+    ("rmse_over_bound", "RMSE\n/\nbound", "{:.2f}"),
+    ("rmse_over_linearised_bound", "/ lin.\nbound", "{:.2f}"),
     ("yaw_rmse_deg", "yaw\nRMSE\n(°)", "{:.2f}"),
     ("packet_bytes_max", "packet\nmax\n(B)", "{:.0f}"),
     ("seconds", "run\ntime\n(s)", "{:.2f}"),

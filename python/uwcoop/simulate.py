@@ -74,6 +74,7 @@ def simulate(
         origin=_origin(scenario) if chart is None else chart.origin,
         scenario=scenario.resolved(),
         truth=_truth(names, flown.motion),
+        team_key=scenario.acoustics.authentication.key,
     )
 
 

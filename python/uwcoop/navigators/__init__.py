@@ -264,6 +264,10 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     packet = (scenario or {}).get("acoustics", {}).get("packet")
     if packet is not None and "packet_form" in model.model_fields:
         own.setdefault("packet_form", packet)
+    # A packet that is laid out for its frame keeps the tag's room.
+    tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
+    if tags and "tag_bytes" in model.model_fields:
+        own.setdefault("tag_bytes", tags)
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:
