@@ -24,6 +24,7 @@ class Cost:
     packet_bytes: int
     frames: int
     air_time_s: float
+    """Of the packet; in two-way ranging of the poll too."""
     slot_needed_s: float
     """Air time and guard: the shortest slot that it would fit."""
     survive: float
@@ -46,6 +47,11 @@ class Budget:
     """Time in which every sender of the cycle has had its slots."""
     heard_per_min: dict[str, float]
     """By vehicle, packets of the others in a minute if none is lost."""
+    poll_bytes: int
+    """Length of the poll that asks for each packet; 0 in one-way ranging."""
+    poll_air_s: float
+    reply_bytes: int
+    """What an answer carries beside the packet; 0 in one-way ranging."""
     costs: dict[str, Cost | None]
     """By navigator; None: it sends nothing."""
 
@@ -64,7 +70,9 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
     order = list(plan.order) or names
     cycle_s = plan.slot_s * len(order)
     # A two-way range is the poller's alone: teammates take turns at polling.
-    pollers = 1 if plan.ranging == "one-way" else len(names) - 1
+    two_way = plan.ranging == "two-way"
+    pollers = len(names) - 1 if two_way else 1
+    poll_air_s = acoustics.poll_air_s(plan) if two_way else 0.0
     costs: dict[str, Cost | None] = {}
     asked = fitting(scenario.resolved(), len(names)) if navigators is None else navigators
     for name in asked:
@@ -77,7 +85,7 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
         costs[name] = Cost(
             packet_bytes=size,
             frames=frames,
-            air_time_s=acoustics.air_time_s(link, frames),
+            air_time_s=poll_air_s + acoustics.air_time_s(link, frames),
             slot_needed_s=acoustics.slot_needed_s(plan, frames),
             survive=acoustics.packet_survival(plan, frames),
         )
@@ -96,6 +104,9 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
         heard_per_min={
             name: 60 * sum(other != name for other in order) / cycle_s / pollers for name in names
         },
+        poll_bytes=plan.two_way.poll_bytes if two_way else 0,
+        poll_air_s=poll_air_s,
+        reply_bytes=acoustics.RESIDENCE_BYTES if two_way else 0,
         costs=costs,
     )
 

@@ -67,6 +67,7 @@ def simulate(
         events=sensors.events_of(scenario, seabed, motion, seed),
         slots=slots,
         opportunities=acoustics.opportunities(scenario.acoustics, slots, motion, seed, names),
+        polls=acoustics.polls(scenario.acoustics, slots, motion, seed, names),
         chart=chart,
         origin=chart.origin,
         scenario=scenario.resolved(),

@@ -218,6 +218,7 @@ impl Options<'_, '_> {
             least_ess_share: self.number("least_ess_share")?,
             monitor: self.monitor()?,
             range: self.range()?,
+            range_news: self.flag("range_news")?,
             packet: self.packet()?,
             drift: self.drift()?,
         })
@@ -237,8 +238,9 @@ fn outcome(outcome: Outcome) -> &'static str {
 impl Navigator {
     /// Dead reckoning of one vehicle.
     #[staticmethod]
-    fn dead_reckoning(vehicle: u16, options: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let navigator_ = DeadReckoning::new(vehicle, Options(options).drift()?).map_err(navigator)?;
+    fn dead_reckoning(vehicle: u16, vehicles: usize, options: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let navigator_ =
+            DeadReckoning::new(vehicle, vehicles, Options(options).drift()?).map_err(navigator)?;
         Ok(Self::of(navigator_))
     }
 

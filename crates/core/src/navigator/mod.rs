@@ -4,6 +4,7 @@ pub mod common;
 pub mod dead_reckoning;
 pub mod dmpf;
 pub mod mpf;
+pub mod news;
 pub mod range;
 pub mod trajectory;
 
@@ -101,6 +102,11 @@ pub trait Navigator: Send {
     /// True for a method that must be told which of its packets arrived; no real link can.
     fn needs_delivery_oracle(&self) -> bool {
         false
+    }
+
+    /// False for a navigator that has no use for a range, and therefore never polls for one.
+    fn takes_ranges(&self) -> bool {
+        true
     }
 
     /// What the last fused range told about the own position, nat; NaN for a navigator that does not keep count.
