@@ -53,9 +53,6 @@ drift = "table-1"
 sigma_current0_mps = 0.0
 sigma_heading_bias0_rad = 0.0
 sigma_thrust_bias0_mps = 0.0
-
-[navigator.mpf]                    # nothing renews what teammates believe: all packets of one are a piece of news or two
-range_temper = 0.01
 """
 
 

@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+import uwcoop
 from uwcoop import acoustics, scenario
 from uwcoop.acoustics.schedule import RESIDENCE_BYTES, lead_s
-from uwcoop.errors import ScheduleError
+from uwcoop.budget import budget
+from uwcoop.errors import LogError, ScheduleError
+from uwcoop.missionlog.mcap import write_log
 from uwcoop.missionlog.validate import validate
 from uwcoop.scenario.acoustics import Acoustics
+from uwcoop.simulate import simulate
 from uwcoop.vehicles import Motion
-
-try:
-    from uwcoop.simulation import simulate  # type: ignore[import-not-found, unused-ignore]
-except ImportError:
-    from uwcoop.simulate import simulate
 
 CLOCKS = {"offset_sigma_s": 0.05, "drift_sigma_ppm": 50.0}
 
@@ -193,3 +192,88 @@ def test_a_two_way_mission_is_a_valid_log() -> None:
     validate(log)
     assert len(log.opportunities["tol_ns"]) == len(log.slots["tol_ns"]) == 24
     assert set(log.slots["capacity_bytes"]) == {61}
+
+
+LOSSY = [
+    "acoustics.ranging=two-way",
+    "acoustics.slot_s=5",
+    "acoustics.max_range_m=900",
+    "duration_s=300",
+    "acoustics.loss.probability=0.3",
+]
+
+
+def test_one_way_has_no_polls() -> None:
+    assert simulate(scenario.load("flat-bay", ["duration_s=60"]), seed=0).polls == {}
+    slots = acoustics.schedule(table(), ["a"], 60.0)
+    assert acoustics.polls(table(), slots, [moving((0, 0))], 0) == {}
+
+
+def test_every_slot_is_polled_once_and_the_log_says_who_answered() -> None:
+    log = simulate(scenario.load("flat-bay", LOSSY), seed=0)
+    validate(log)
+    polls = log.polls
+    assert polls["tol_ns"].tolist() == log.slots["tol_ns"].tolist()
+    assert polls["sender"].tolist() == log.slots["sender"].tolist()
+    assert (polls["t_ns"] == polls["tol_ns"] - round(lead_s(table()) * 1e9)).all()
+    assert set(polls["poll_bytes"]) == {2}
+    assert set(polls["reply_bytes"]) == {RESIDENCE_BYTES}
+    assert set(polls["air_time_ns"]) == {364_000_000}
+    assert (polls["poller"] != polls["sender"]).all()
+    assert 0 < polls["answered"].mean() < 1
+    # An opportunity is the poller's, and can survive only where its poll was heard.
+    chance = dict(
+        zip(log.opportunities["tol_ns"].tolist(), log.opportunities["survive_probability"], strict=True)
+    )
+    for tol_ns, answered in zip(polls["tol_ns"].tolist(), polls["answered"], strict=True):
+        assert (chance[tol_ns] > 0) == answered
+
+
+def test_polls_come_back_from_a_file(tmp_path: Any) -> None:
+    log = simulate(scenario.load("flat-bay", LOSSY), seed=0)
+    write_log(log, tmp_path / "m.mcap")
+    assert uwcoop.load_log(tmp_path / "m.mcap").difference(log) is None
+
+
+def test_polls_and_replies_are_counted_in_bytes_and_air_time() -> None:
+    log = simulate(scenario.load("flat-bay", LOSSY), seed=0)
+    run = uwcoop.run(log, ["mpf", "mpf-terrain-only"], clouds=False)
+    slots, answered = len(log.slots["tol_ns"]), int(log.polls["answered"].sum())
+    assert answered < slots
+    air_s = slots * 0.364 + answered * (0.3 + 2.048)  # one frame each
+    sent = run.sent["mpf"]
+    assert sent["polls"] == slots
+    assert sent["bytes"] == slots * 2 + answered * (15 + RESIDENCE_BYTES)
+    assert sent["air_time_s"] == pytest.approx(air_s)
+    assert int(run.tracks["packet_bytes"].sel(navigator="mpf").sum()) == sent["bytes"]
+    assert run.sent["mpf-terrain-only"] == {"bytes": 0, "air_time_s": 0.0, "polls": 0}
+    assert run.summary["navigators"]["mpf"]["sent"] == sent
+    assert run.summary["navigators"]["mpf"]["packet_bytes"] == {"mean": 18.0, "max": 18}
+
+
+def test_the_budget_states_poll_and_reply() -> None:
+    cost = budget(scenario.load("flat-bay", LOSSY), ["mpf"])
+    assert (cost.poll_bytes, cost.reply_bytes) == (2, RESIDENCE_BYTES)
+    one = cost.costs["mpf"]
+    assert one is not None
+    assert one.air_time_s == pytest.approx(0.364 + 0.3 + 2.048)
+    assert one.slot_needed_s == pytest.approx(lead_s(table()) + 0.3 + 2.048 + cost.guard_s, abs=0.2)
+    plain = budget(scenario.load("flat-bay"), ["mpf"])
+    assert (plain.poll_bytes, plain.poll_air_s, plain.reply_bytes) == (0, 0.0, 0)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "says"),
+    [
+        ("poller", 9, "poller 9 at t"),
+        ("tol_ns", 0, "tol_ns 0 s"),
+        ("poll_bytes", -1, "poll_bytes -1"),
+        ("air_time_ns", -1, "air_time_ns"),
+    ],
+)
+def test_damaged_polls_are_refused(column: str, value: int, says: str) -> None:
+    log = simulate(scenario.load("flat-bay", LOSSY), seed=0)
+    log.polls = {name: values.copy() for name, values in log.polls.items()}
+    log.polls[column][3] = value
+    with pytest.raises(LogError, match=says):
+        validate(log)

@@ -131,7 +131,7 @@ def test_run_writes_its_folder_and_prints_a_table(mission: Path) -> None:
     assert (summary["mission"], summary["seed"]) == ("st-john-drift", 3)
     assert list(summary["navigators"]) == ["dead-reckoning", "dmpf", "mpf"]
     for navigator in summary["navigators"].values():
-        assert set(navigator) == {"seconds", "speedup", "packet_bytes", "vehicles"}
+        assert set(navigator) == {"seconds", "speedup", "packet_bytes", "vehicles", "sent"}
         assert set(navigator["vehicles"]) == {"V1", "V2", "V3"}
         for vehicle in navigator["vehicles"].values():
             assert set(vehicle) >= VEHICLE_KEYS

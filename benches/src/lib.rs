@@ -97,11 +97,12 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
         least_ess_share: 0.02,
         monitor: None,
         range: Some(RangeOptions {
-            method: RangeMethod::Gaussian { temper: 0.05 },
+            method: RangeMethod::Gaussian { temper: 1.0 },
             sigma_m: 1.0,
             gate_sigmas: 6.0,
             entropy_sigma_m: None,
         }),
+        range_news: true,
         packet: PacketKind::Belief,
         drift: drift(),
     }

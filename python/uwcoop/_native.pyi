@@ -110,7 +110,7 @@ class Navigator:
     """A native navigator; empty while a replay holds it."""
 
     @staticmethod
-    def dead_reckoning(vehicle: int, options: dict[str, Any]) -> Navigator: ...
+    def dead_reckoning(vehicle: int, vehicles: int, options: dict[str, Any]) -> Navigator: ...
     @staticmethod
     def dmpf(
         vehicle: int,
@@ -155,6 +155,7 @@ class Mission:
         receptions: Mapping[str, NDArray[Any]],
         payloads: Sequence[bytes],
         end_ns: int,
+        polls: Mapping[str, NDArray[Any]] | None = None,
     ) -> Mission: ...
     @property
     def vehicles(self) -> int: ...

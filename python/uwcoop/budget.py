@@ -59,6 +59,7 @@ class Cost:
     packet_bytes: int
     frames: int
     air_time_s: float
+    """Of the packet; in two-way ranging of the poll too."""
     slot_needed_s: float
     """Air time and guard: the shortest slot that it would fit."""
     survive: float
@@ -111,6 +112,11 @@ class Budget:
     """Time in which every sender of the cycle has had its slots."""
     heard_per_min: dict[str, float]
     """By vehicle, packets of the others in a minute if none is lost."""
+    poll_bytes: int
+    """Length of the poll that asks for each packet; 0 in one-way ranging."""
+    poll_air_s: float
+    reply_bytes: int
+    """What an answer carries beside the packet; 0 in one-way ranging."""
     costs: dict[str, Cost | None]
     """By navigator; None: it sends nothing."""
     tag_bytes: int = 0
@@ -135,6 +141,8 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
     cycle_s = plan.slot_s * len(order)
     asked = fitting(tables, len(names)) if navigators is None else list(navigators)
     costs = {name: _cost(name, plan, tables, len(names), capacity) for name in asked}
+    two_way = plan.ranging == "two-way"
+    poll_air_s = acoustics.poll_air_s(plan) if two_way else 0.0
     if plan.packet_bytes is not None:
         acoustics.check_packet(plan, plan.packet_bytes)
     talking = [name for name, cost in costs.items() if cost is not None]
@@ -153,6 +161,9 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
             name: 60 * sum(other != name for other in order) / cycle_s / _pollers(plan, len(names))
             for name in names
         },
+        poll_bytes=plan.two_way.poll_bytes if two_way else 0,
+        poll_air_s=poll_air_s,
+        reply_bytes=acoustics.RESIDENCE_BYTES if two_way else 0,
         costs=costs,
         tag_bytes=tag_bytes_of(tables),
         teams=tuple(_team_plan(size, plan, tables, talking, capacity) for size in sizes),
@@ -276,10 +287,11 @@ def _cost(name: str, plan: Acoustics, tables: Mapping[str, Any], vehicles: int, 
         return None
     acoustics.check_packet(plan, len(packet), f"{name}'s packet")
     frames = acoustics.packet_frames(plan, len(packet))
+    poll_air_s = acoustics.poll_air_s(plan) if plan.ranging == "two-way" else 0.0
     return Cost(
         packet_bytes=len(packet),
         frames=frames,
-        air_time_s=acoustics.air_time_s(acoustics.link_of(plan), frames),
+        air_time_s=poll_air_s + acoustics.air_time_s(acoustics.link_of(plan), frames),
         slot_needed_s=acoustics.slot_needed_s(plan, frames),
         survive=acoustics.packet_survival(plan, frames),
         fields=fields,

@@ -166,6 +166,9 @@ def _navigator_cell(name: str, navigator: Mapping[str, Any], not_realisable: Col
     sizes, speedup = navigator["packet_bytes"], navigator["speedup"]
     text = _name(name, not_realisable)
     sent = "no packets" if sizes["max"] is None else f"{sizes['mean']:.1f} / {sizes['max']:.0f} B"
+    polls = navigator.get("sent", {}).get("polls")
+    if polls:
+        sent += f", {polls} polls"
     fast = "" if speedup is None else f", × {speedup:,.0f}"
     return text.append(f"\n{sent}\n{navigator['seconds']:.2f} s{fast}", style="not bold dim")
 

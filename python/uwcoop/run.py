@@ -47,11 +47,17 @@ class RunResult:
     """Particles at every 10th instant, float32."""
     seconds: dict[str, float]
     """Run time by navigator, s."""
+    sent: dict[str, dict[str, float]]
+    """By navigator, what the whole team put on the air: `bytes` and `air_time_s` in all, and how many `polls` of two-way
+    ranging are in them."""
 
     @property
     def summary(self) -> dict[str, Any]:
         """What `summary.json` holds."""
-        return metrics.summarise(self.tracks, seconds=self.seconds, packets=self.packets)
+        summary = metrics.summarise(self.tracks, seconds=self.seconds, packets=self.packets)
+        for name, sent in self.sent.items():
+            summary["navigators"][name]["sent"] = sent
+        return summary
 
 
 def run(
@@ -113,6 +119,7 @@ def run(
         packets=_packets(records),
         clouds=_clouds(log, names, records) if clouds else None,
         seconds=seconds,
+        sent={name: _sent(native, record) for name, record in zip(names, records, strict=True)},
     )
 
 
@@ -128,6 +135,7 @@ def native_mission(log: MissionLog) -> _native.Mission:
         log.receptions,
         log.payloads,
         log.duration_ns,
+        log.polls or None,
     )
 
 
@@ -179,6 +187,8 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
     for k, record in enumerate(records):
         at = np.minimum(np.searchsorted(t_ns, record["sent"]["tol_ns"]), len(t_ns) - 1)
         np.add.at(sent[k], (record["sent"]["sender"], at), record["sent"]["bytes"])
+        at = np.minimum(np.searchsorted(t_ns, record["polls"]["t_ns"]), len(t_ns) - 1)
+        np.add.at(sent[k], (record["polls"]["sender"], at), record["polls"]["bytes"])
         packets = record["packets"]
         used = packets["accepted"] & (packets["toa_ns"] <= t_ns[-1])
         at_arrival = (k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used]))
@@ -208,7 +218,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "truth_position_m": (("vehicle", "time", "axis"), _truth(log, t_ns), metres),
             "yaw_rad": (each, stack("yaw_rad"), {"units": "rad"}),
             "ess": (each, stack("ess"), {"units": "1", "long_name": "effective sample size"}),
-            "packet_bytes": (each, sent, {"units": "byte", "long_name": "bytes sent"}),
+            "packet_bytes": (each, sent, {"units": "byte", "long_name": "bytes sent, polls included"}),
             "rejected": (each, stack("rejected").astype(np.int64), {"long_name": "gated or rejected so far"}),
             "off_chart": (each, stack("off_chart"), {"long_name": "no chart to go by: dead reckoning"}),
             "heard": (each, heard, {"long_name": "a packet that arrived now was used"}),
@@ -237,6 +247,18 @@ def _diagnostics(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
     }
     by = {"role": "diagnostic", "long_name": "as the navigator says"}
     return {name: (("navigator", "vehicle", "time"), values, by) for name, values in said.items()}
+
+
+def _sent(mission: _native.Mission, record: dict[str, Any]) -> dict[str, float]:
+    """Bytes and air time of everything that a team launched, polls included."""
+    sizes, counts = np.unique(record["sent"]["bytes"], return_counts=True)
+    answers_s = sum(n * mission.air_time_s(int(size)) for size, n in zip(sizes, counts.tolist(), strict=True))
+    polls = record["polls"]
+    return {
+        "bytes": int(record["sent"]["bytes"].sum() + polls["bytes"].sum()),
+        "air_time_s": float(answers_s + polls["air_time_ns"].sum() / 1e9),
+        "polls": len(polls["bytes"]),
+    }
 
 
 def _square(upper: NDArray[np.float64]) -> NDArray[np.float64]:

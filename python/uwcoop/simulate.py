@@ -70,6 +70,7 @@ def simulate(
         events=sensors.events_of(scenario, seabed, flown.motion, seed, flown.events),
         slots=flown.slots,
         opportunities=flown.opportunities,
+        polls=acoustics.polls(scenario.acoustics, flown.slots, flown.motion, seed, names),
         chart=chart,
         origin=_origin(scenario) if chart is None else chart.origin,
         scenario=scenario.resolved(),

@@ -254,7 +254,8 @@ def _flights(
                 raise _with_seed(error, futures[future]) from error
             except BrokenProcessPool as error:
                 raise StudyError(
-                    "a worker process was killed, perhaps for want of memory: use fewer processes"
+                    "a worker process did not start or was killed: a script that calls study() needs "
+                    '`if __name__ == "__main__":` around its work; for want of memory use fewer processes'
                 ) from error
     except BaseException:
         executor.shutdown(wait=False, cancel_futures=True)

@@ -150,10 +150,16 @@ def budget_table(budget: Budget) -> Table:
     limit = (
         "no limit" if not budget.frame_s else f"up to {budget.max_frames} frames of {budget.frame_bytes} B"
     )
+    poll = ""
+    if budget.poll_bytes:
+        poll = (
+            f" + poll {budget.poll_air_s:.2f} s ({budget.poll_bytes} B); "
+            f"a reply is {budget.reply_bytes} B longer than its packet"
+        )
     table = _table(
         f"{budget.scenario}: {budget.modem}, {limit}",
         f"Slot {budget.slot_s:g} s, of which guard {budget.guard_s:.2f} s; cycle {budget.cycle_s:g} s. "
-        f"Air time = preamble {budget.preamble_s:g} s + frames × {budget.frame_s:.3g} s. "
+        f"Air time = preamble {budget.preamble_s:g} s + frames × {budget.frame_s:.3g} s{poll}. "
         f"A vehicle hears {rates} packets per minute if none is lost. Arrives: at the schedule's longest range, outside "
         "of shadows and blackouts.",
     )

@@ -6,6 +6,7 @@
 //! survives.
 
 mod authenticated;
+mod poll;
 mod record;
 mod team;
 
@@ -15,6 +16,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+pub use poll::Poll;
 pub use record::{CloudRecord, PacketRecord, Record, Tracks};
 pub use team::Team;
 
@@ -49,6 +51,7 @@ pub struct Mission {
     events: Vec<Event>,
     slots: SlotTable,
     opportunities: Vec<Opportunity>,
+    polls: Vec<Poll>,
     end_ns: i64,
 }
 
@@ -105,7 +108,16 @@ impl Mission {
         }
         events.sort_by_key(|e| (e.t_ns, e.payload.class(), e.vehicle));
         opportunities.sort_by_key(|o| (o.tol_ns, o.receiver));
-        Ok(Self { vehicles, link, events, slots, opportunities, end_ns })
+        Ok(Self { vehicles, link, events, slots, opportunities, polls: Vec::new(), end_ns })
+    }
+
+    /// The same mission with two-way ranging: these slots are polled, and silent where the poll was not heard.
+    ///
+    /// # Errors
+    /// An unknown poller, one that polls itself, a poll without a slot, two for one, or times that make no sense.
+    pub fn with_polls(mut self, polls: Vec<Poll>) -> Result<Self, Error> {
+        self.polls = poll::checked(polls, self.vehicles, &self.slots)?;
+        Ok(self)
     }
 
     /// Number of vehicles.
@@ -130,6 +142,12 @@ impl Mission {
     #[must_use]
     pub fn opportunities(&self) -> &[Opportunity] {
         &self.opportunities
+    }
+
+    fn poll_of(&self, slot: &Slot) -> Option<&Poll> {
+        let key = |p: &Poll| (p.tol_ns, p.sender);
+        let at = self.polls.binary_search_by_key(&(slot.tol_ns, slot.sender), key).ok()?;
+        self.polls.get(at)
     }
 
     fn opportunities_of(&self, slot: &Slot) -> &[Opportunity] {
@@ -297,9 +315,17 @@ impl Replay {
     fn slot(&mut self) -> Result<(), Error> {
         let slot = self.mission.slots.slots()[self.cursor.slot];
         self.cursor.slot += 1;
+        let poll = self.mission.poll_of(&slot).copied();
+        if let Some(poll) = poll.filter(|poll| self.team.takes_ranges(poll.poller)) {
+            self.record.polled(poll);
+        }
+        if poll.is_some_and(|poll| !poll.answered) {
+            return Ok(());
+        }
         let Some(bytes) = self.team.transmit(&slot)? else { return Ok(()) };
         let length = self.team.packet_length(&bytes);
         self.mission.slots.check_packet(slot.sender, slot.tol_ns, length)?;
+        let length = length + poll.map_or(0, |poll| poll.reply_bytes as usize);
         let frames = self.mission.link.frames_needed(length)?;
         let air_time_ns = self.mission.link.air_time_ns(length)?;
         self.record.sent(slot.sender, slot.tol_ns, length);

@@ -110,7 +110,7 @@ fn an_event_that_no_honest_source_sends_changes_nothing() {
 #[test]
 fn a_sender_that_the_team_does_not_have_is_refused() {
     let chart = rich();
-    for (name, mut navigator) in particle_navigators(OWN, TEAM, &chart) {
+    for (name, mut navigator) in navigators(OWN, TEAM, &chart) {
         warm_up(navigator.as_mut(), OWN);
         let before = navigator.snapshot().unwrap();
         for sender in [3, 15, 16, u16::MAX] {
@@ -311,6 +311,28 @@ fn a_packet_longer_than_its_slot_is_refused_and_takes_no_number() {
         assert_eq!(navigator.snapshot().unwrap(), before, "{name}");
         assert_eq!(navigator.transmit(NOW, 15).unwrap().unwrap().len(), 15, "{name}");
         assert_ne!(navigator.snapshot().unwrap(), before, "{name}: the packet's number is taken");
+    }
+}
+
+#[test]
+fn a_snapshot_of_another_size_is_refused_and_changes_nothing() {
+    let chart = rich();
+    let many: [Box<dyn Navigator>; 3] = [
+        Box::new(dmpf(OWN, TEAM, dmpf_options(300), &chart, 5)),
+        Box::new(mpf::<2>(OWN, TEAM, mpf_options(300), &chart, 5)),
+        Box::new(mpf::<4>(OWN, TEAM, mpf_options(300), &chart, 5)),
+    ];
+    let larger_team = particle_navigators(OWN, TEAM + 1, &chart);
+    let all = particle_navigators(OWN, TEAM, &chart);
+    for (((name, mut navigator), other), (_, team)) in all.into_iter().zip(many).zip(larger_team) {
+        warm_up(navigator.as_mut(), OWN);
+        let before = navigator.snapshot().unwrap();
+        let refused = navigator.restore(&other.snapshot().unwrap());
+        let message = refused.unwrap_err().to_string();
+        assert!(message.contains("300 particles, not 200"), "{name}: {message}");
+        let message = navigator.restore(&team.snapshot().unwrap()).unwrap_err().to_string();
+        assert!(message.contains("a team of 4"), "{name}: {message}");
+        assert_eq!(navigator.snapshot().unwrap(), before, "{name}");
     }
 }
 

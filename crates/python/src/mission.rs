@@ -6,7 +6,7 @@ use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use uwcoop_core::link::{LinkConfig, Slot};
-use uwcoop_core::replay::{Mission as CoreMission, Opportunity};
+use uwcoop_core::replay::{Mission as CoreMission, Opportunity, Poll};
 
 use crate::errors::{argument, log};
 use crate::event::{Table, reception, vehicle};
@@ -80,12 +80,56 @@ fn opportunities(columns: &Bound<'_, PyDict>) -> PyResult<Vec<Opportunity>> {
         .collect()
 }
 
+fn polls(columns: &Bound<'_, PyDict>) -> PyResult<Vec<Poll>> {
+    if columns.is_empty() {
+        return Ok(Vec::new());
+    }
+    let (tol, t) = (integers(columns, "tol_ns")?, integers(columns, "t_ns")?);
+    let (sender, poller) = (integers(columns, "sender")?, integers(columns, "poller")?);
+    let (bytes, reply) = (integers(columns, "poll_bytes")?, integers(columns, "reply_bytes")?);
+    let air_time = integers(columns, "air_time_ns")?;
+    let answered =
+        columns.get_item("answered")?.ok_or_else(|| argument("column answered is missing".into()))?;
+    let answered = answered.extract::<PyReadonlyArray1<'_, bool>>()?;
+    let n = tol.len();
+    equally_long(
+        "polls",
+        &[
+            n,
+            t.len(),
+            sender.len(),
+            poller.len(),
+            bytes.len(),
+            reply.len(),
+            air_time.len(),
+            answered.shape()[0],
+        ],
+    )?;
+    let count = |name: &str, value: i64| {
+        u32::try_from(value).map_err(|_| argument(format!("{name} is {value}, not 0 to {}", u32::MAX)))
+    };
+    (0..n)
+        .map(|i| {
+            Ok(Poll {
+                tol_ns: tol[i],
+                sender: vehicle(sender[i])?,
+                poller: vehicle(poller[i])?,
+                t_ns: t[i],
+                bytes: count("poll_bytes", bytes[i])?,
+                air_time_ns: air_time[i],
+                reply_bytes: count("reply_bytes", reply[i])?,
+                answered: answered.as_array()[i],
+            })
+        })
+        .collect()
+}
+
 #[pymethods]
 impl Mission {
     /// `link` is (frame_bytes, max_frames, frame_s, preamble_s, sound_speed_mps); the tables are dicts of columns as in
-    /// `uwcoop.missionlog`; `receptions` and `payloads` are what a real modem decoded.
+    /// `uwcoop.missionlog`; `receptions` and `payloads` are what a real modem decoded, `polls` those of two-way ranging.
     #[new]
-    #[pyo3(signature = (vehicles, link, events, slots, opportunities, receptions, payloads, end_ns))]
+    #[pyo3(signature = (vehicles, link, events, slots, opportunities, receptions, payloads, end_ns, polls = None))]
     #[allow(clippy::too_many_arguments)]
     fn new(
         vehicles: usize,
@@ -96,6 +140,7 @@ impl Mission {
         receptions: &Bound<'_, PyDict>,
         payloads: Vec<Vec<u8>>,
         end_ns: i64,
+        polls: Option<&Bound<'_, PyDict>>,
     ) -> PyResult<Self> {
         let link = LinkConfig::new(link.0, link.1, link.2, link.3, link.4).map_err(|e| log(e.into()))?;
         let mut all = Vec::new();
@@ -115,7 +160,10 @@ impl Mission {
             }
         }
         let (slots, opportunities) = (self::slots(slots)?, self::opportunities(opportunities)?);
-        let mission = CoreMission::new(vehicles, link, all, slots, opportunities, end_ns).map_err(log)?;
+        let polls = polls.map_or_else(|| Ok(Vec::new()), self::polls)?;
+        let mission = CoreMission::new(vehicles, link, all, slots, opportunities, end_ns)
+            .and_then(|mission| mission.with_polls(polls))
+            .map_err(log)?;
         Ok(Self { inner: Arc::new(mission) })
     }
 

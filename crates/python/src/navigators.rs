@@ -210,7 +210,12 @@ impl Options<'_, '_> {
 
     fn mpf(&self) -> PyResult<MpfOptions> {
         let core = self.mpf_core(None)?;
-        Ok(MpfOptions { range: self.range()?, packet: self.packet()?, ..core })
+        Ok(MpfOptions {
+            range: self.range()?,
+            range_news: self.flag("range_news")?,
+            packet: self.packet()?,
+            ..core
+        })
     }
 
     /// `mpf` without what it sends and hears; a drift of its own wins over the options'.
@@ -228,6 +233,7 @@ impl Options<'_, '_> {
             least_ess_share: self.number("least_ess_share")?,
             monitor: self.monitor()?,
             range: None,
+            range_news: false,
             packet: PacketKind::Belief,
             drift: drift.map_or_else(|| self.drift(), Ok)?,
         })
@@ -247,8 +253,9 @@ fn outcome(outcome: Outcome) -> &'static str {
 impl Navigator {
     /// Dead reckoning of one vehicle.
     #[staticmethod]
-    fn dead_reckoning(vehicle: u16, options: &Bound<'_, PyDict>) -> PyResult<Self> {
-        let navigator_ = DeadReckoning::new(vehicle, Options(options).drift()?).map_err(navigator)?;
+    fn dead_reckoning(vehicle: u16, vehicles: usize, options: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let navigator_ =
+            DeadReckoning::new(vehicle, vehicles, Options(options).drift()?).map_err(navigator)?;
         Ok(Self::of(navigator_))
     }
 

@@ -181,6 +181,15 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
     sent.set_item("tol_ns", sent_column(|s| s.1))?;
     sent.set_item("bytes", sent_column(|s| i64::from(s.2)))?;
     dict.set_item("sent", sent)?;
+    let polls = PyDict::new(py);
+    let poll_column = |f: fn(&uwcoop_core::replay::Poll) -> i64| {
+        tracks.polls.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
+    };
+    polls.set_item("sender", poll_column(|p| i64::from(p.poller)))?;
+    polls.set_item("t_ns", poll_column(|p| p.t_ns))?;
+    polls.set_item("bytes", poll_column(|p| i64::from(p.bytes)))?;
+    polls.set_item("air_time_ns", poll_column(|p| p.air_time_ns))?;
+    dict.set_item("polls", polls)?;
     let mut clouds = Vec::with_capacity(tracks.clouds.len());
     for cloud in tracks.clouds {
         let rows = cloud.positions_m.len();

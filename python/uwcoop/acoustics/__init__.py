@@ -7,7 +7,7 @@ log holds, for every slot and vehicle that can hear it, the measured time of arr
 frame survives and one draw for each frame.
 """
 
-from uwcoop.acoustics.channel import opportunities, travel_time_s
+from uwcoop.acoustics.channel import opportunities, polls, travel_time_s
 from uwcoop.acoustics.losses import Signals, packet_survival, survival, survive_probability
 from uwcoop.acoustics.modem import (
     MODEMS,
@@ -27,6 +27,7 @@ from uwcoop.acoustics.reception import (
     read_reception,
 )
 from uwcoop.acoustics.schedule import (
+    RESIDENCE_BYTES,
     check_fits,
     check_packet,
     packet_frames,
@@ -41,6 +42,7 @@ from uwcoop.acoustics.sound import mackenzie_mps, true_sound_speed_mps
 __all__ = [
     "MODEMS",
     "NO_LIMIT_BYTES",
+    "RESIDENCE_BYTES",
     "Modem",
     "ReceptionTable",
     "Signals",
@@ -59,6 +61,7 @@ __all__ = [
     "packet_survival",
     "poll_air_s",
     "pollers_of",
+    "polls",
     "read_reception",
     "schedule",
     "slot_capacity_bytes",

@@ -9,7 +9,7 @@ import numpy as np
 
 from uwcoop.acoustics.losses import Signals, off_bow_rad, survival
 from uwcoop.acoustics.modem import air_time_s, link_of, poll_air_s
-from uwcoop.acoustics.schedule import lead_s, pollers_of, slot_frames
+from uwcoop.acoustics.schedule import RESIDENCE_BYTES, lead_s, pollers_of, slot_frames
 from uwcoop.acoustics.sound import sound_speed_between_mps
 from uwcoop.streams import Purpose, stream
 
@@ -68,6 +68,34 @@ def opportunities(
             part["survive_probability"][~clear[mine, receiver]] = 0.0
             parts.append(part if polled is None else polled.only(part, mine, receiver))
     return _sorted(world, parts)
+
+
+def polls(
+    acoustics: Acoustics, slots: Columns, motion: Sequence[Motion], seed: int, names: Sequence[str] = ()
+) -> Columns:
+    """Who polls for each slot's packet, and whether the slot's owner heard it; arguments as `opportunities`.
+
+    Returns:
+        Columns of `missionlog.POLL_COLUMNS`; no columns where ranging is one-way or nobody is there to poll.
+    """
+    if acoustics.ranging == "one-way" or len(motion) < 2:
+        return {}
+    world = _World(acoustics, motion, seed, tuple(names) or tuple(f"V{v + 1}" for v in range(len(motion))))
+    packets, asked = world.packets(slots), world.polls(slots)
+    on_air = packets.beside(asked)
+    arrival_s = world.arrivals(on_air)
+    polled = _polled(world, packets, asked, arrival_s, _clear(on_air, arrival_s))
+    count = packets.sender.size
+    return {
+        "tol_ns": slots["tol_ns"].copy(),
+        "t_ns": slots["tol_ns"] - round(lead_s(acoustics) * 1e9),
+        "sender": slots["sender"].copy(),
+        "poller": polled.poller,
+        "poll_bytes": np.full(count, acoustics.two_way.poll_bytes, dtype=np.int64),
+        "reply_bytes": np.full(count, RESIDENCE_BYTES, dtype=np.int64),
+        "air_time_ns": np.full(count, round(poll_air_s(acoustics) * 1e9), dtype=np.int64),
+        "answered": polled.heard,
+    }
 
 
 def travel_time_s(sender: Motion, receiver: Motion, launch_s: Array, speed_mps: float | Array) -> Array:

@@ -11,6 +11,7 @@ from uwcoop.errors import LogError
 from uwcoop.missionlog.messages import Layout, Records, layout, set_stamps, split, stamps
 from uwcoop.missionlog.model import (
     OPPORTUNITY_COLUMNS,
+    POLL_COLUMNS,
     RECEPTION_COLUMNS,
     SLOT_COLUMNS,
     Columns,
@@ -22,12 +23,14 @@ from uwcoop.missionlog.topics import Recorded, Stream, read_topic, refuse_missin
 SLOT_TOPIC = "/acoustics/slot"
 OPPORTUNITY_TOPIC = "/acoustics/opportunity"
 RECEPTION_TOPIC = "/acoustics/reception"
+POLL_TOPIC = "/acoustics/poll"
 
 _SLOT = "uwcoop_msgs/msg/AcousticSlot"
 _OPPORTUNITY = "uwcoop_msgs/msg/AcousticOpportunity"
 _RECEPTION = "uwcoop_msgs/msg/AcousticReception"
+_POLL = "uwcoop_msgs/msg/AcousticPoll"
 
-TYPES = {SLOT_TOPIC: _SLOT, OPPORTUNITY_TOPIC: _OPPORTUNITY, RECEPTION_TOPIC: _RECEPTION}
+TYPES = {SLOT_TOPIC: _SLOT, OPPORTUNITY_TOPIC: _OPPORTUNITY, RECEPTION_TOPIC: _RECEPTION, POLL_TOPIC: _POLL}
 """Message type of each topic."""
 
 
@@ -40,6 +43,8 @@ def encode_acoustics(log: MissionLog) -> Iterator[Stream]:
         count, frames = log.opportunities["draws"].shape
         records = _opportunity_layout(frames).blank(count)
         yield _fill(OPPORTUNITY_TOPIC, records, log.opportunities, "tol_ns")
+    if log.polls:
+        yield _fill(POLL_TOPIC, layout(_POLL).blank(len(log.polls["tol_ns"])), log.polls, "t_ns")
     if log.receptions:
         records = layout(_RECEPTION).blank(len(log.payloads))
         records["payload.count"] = [len(payload) for payload in log.payloads]
@@ -52,6 +57,11 @@ def decode_slots(recorded: Recorded, count: int) -> Columns:
     """The slots; raises `LogError` unless there are `count` of them, whole and in order."""
     records = read_topic(recorded, SLOT_TOPIC, layout(_SLOT), count)
     return _table(records, SLOT_COLUMNS, "tol_ns")
+
+
+def decode_polls(recorded: Recorded, count: int) -> Columns:
+    """The polls of two-way ranging; raises `LogError` as `decode_slots` does."""
+    return _table(read_topic(recorded, POLL_TOPIC, layout(_POLL), count), POLL_COLUMNS, "t_ns")
 
 
 def decode_opportunities(recorded: Recorded, count: int, frames: int) -> Columns:
@@ -93,5 +103,10 @@ def _fill(topic: str, records: Records, table: Columns, time: str) -> Stream:
 
 
 def _table(records: Records, spec: dict[str, str], time: str) -> Columns:
-    values: dict[str, Any] = {name: records[name] for name in spec if name != time}
+    # A message's booleans are bytes.
+    values: dict[str, Any] = {
+        name: records[name] != 0 if kind == "bool" else records[name]
+        for name, kind in spec.items()
+        if name != time
+    }
     return columns(spec, **{time: stamps(records)}, **values)

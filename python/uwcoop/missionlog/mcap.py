@@ -210,6 +210,8 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
         if "receptions" in rows:
             count = rows.pop("receptions")
             log.receptions, log.payloads = acoustic_topics.decode_receptions(file.messages, count)
+        if "polls" in rows:
+            log.polls = acoustic_topics.decode_polls(file.messages, rows.pop("polls"))
         log.events = topics.decode(file.messages, names, rows)
         if about["truth"] is not None:
             log.truth = truth.decode_truth(file.messages, names, about["truth"])

@@ -79,6 +79,23 @@ int32 sender
 # what fits before the guard time, in whole frames
 int64 capacity_bytes
 """,
+    "AcousticPoll": f"""\
+# Two-way ranging: a request for what is sent in a slot; the stamp is the launch of the request.
+std_msgs/Header header
+{_INDEX}
+int32 sender
+# who asks, and alone gets the range
+int32 poller
+# launch of the slot's packet, nanoseconds of mission time
+int64 tol_ns
+int64 poll_bytes
+# what the answer carries beside the packet
+int64 reply_bytes
+# time that the request occupies the channel, nanoseconds
+int64 air_time_ns
+# whether it was heard; if not, the slot stays silent
+bool answered
+""",
     "AcousticOpportunity": f"""\
 # One possible arrival of what is sent in a slot; the stamp is the time of launch. Frame k of a packet
 # arrives when draws[k] < survive_probability, so every packet, whatever its length, meets the same losses.

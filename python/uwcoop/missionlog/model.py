@@ -1,6 +1,6 @@
 """The mission log in memory: columns of events, acoustic opportunities, and truth kept apart.
 
-Navigators are fed from `events`, `slots`, `opportunities` and `receptions` only. `truth` is read by metrics,
+Navigators are fed from `events`, `slots`, `polls`, `opportunities` and `receptions` only. `truth` is read by metrics,
 figures and the viewer; nothing in the core has a type that could carry it.
 """
 
@@ -52,6 +52,14 @@ RECEPTION_COLUMNS: dict[str, str] = {
     "t_ns": "i8", "receiver": "i8", "sender": "i8", "tol_ns": "i8", "toa_ns": "i8",
 }  # fmt: skip
 """Packets that did arrive, as real logs hold them, stamped when decoding ends; their bytes are `payloads`."""
+
+POLL_COLUMNS: dict[str, str] = {
+    "tol_ns": "i8", "t_ns": "i8", "sender": "i8", "poller": "i8",
+    "poll_bytes": "i8", "reply_bytes": "i8", "air_time_ns": "i8", "answered": "bool",
+}  # fmt: skip
+"""Two-way ranging: who polls `sender` for the packet of its slot at `tol_ns`. The poll is launched at `t_ns`, is
+`poll_bytes` long and on the air for `air_time_ns`; its answer is `reply_bytes` longer than the packet; a slot whose
+poll was not heard (`answered` is false) stays silent."""
 
 
 def columns(spec: Mapping[str, str], **values: ArrayLike) -> Columns:
@@ -135,6 +143,8 @@ class MissionLog:
     receptions: Columns = field(default_factory=dict)
     payloads: list[bytes] = field(default_factory=list)
     """Bytes of each row of `receptions`."""
+    polls: Columns = field(default_factory=dict)
+    """Of two-way ranging; empty for one-way."""
     chart: Chart | None = None
     origin: Origin = field(default_factory=Origin)
     scenario: dict[str, Any] = field(default_factory=dict)
@@ -145,9 +155,9 @@ class MissionLog:
     """Key of the packets' tags, in memory only: no file holds it."""
 
     def tables(self) -> Iterator[tuple[str, Columns]]:
-        """Every table present, with its name: event kinds, then `slots`, `opportunities`, `receptions`."""
+        """Every table present, with its name: event kinds, then `slots`, `opportunities`, `receptions`, `polls`."""
         yield from self.events.items()
-        for name in ("slots", "opportunities", "receptions"):
+        for name in ("slots", "opportunities", "receptions", "polls"):
             if table := getattr(self, name):
                 yield name, table
 

@@ -17,6 +17,7 @@ from uwcoop.errors import LogError
 from uwcoop.missionlog.model import (
     EVENT_COLUMNS,
     OPPORTUNITY_COLUMNS,
+    POLL_COLUMNS,
     RECEPTION_COLUMNS,
     SLOT_COLUMNS,
     Columns,
@@ -57,6 +58,8 @@ def validate(log: MissionLog) -> None:
         _events(_Table(kind, table, log, "t_ns", "vehicle"))
     if log.slots:
         _slots(_Table("slots", log.slots, log, "tol_ns", "sender"))
+    if log.polls:
+        _polls(_Table("polls", log.polls, log, "t_ns", "poller"))
     if log.opportunities:
         _opportunities(_Table("opportunities", log.opportunities, log, "tol_ns", "receiver"))
     if log.receptions or log.payloads:
@@ -217,6 +220,26 @@ def _slots(table: _Table) -> None:
     table.refuse(table.columns["capacity_bytes"] < 0, "capacity_bytes", "at least 0")
     same = (np.diff(table.columns["tol_ns"]) == 0) & (np.diff(table.columns["sender"]) == 0)
     table.refuse(np.append(False, same), "tol_ns", "the only slot of its sender at that time")
+
+
+def _polls(table: _Table) -> None:
+    columns = table.columns
+    table.check_shape(POLL_COLUMNS)
+    for name in ("poller", "sender"):
+        table.check_index(name)
+    table.check_times("poller")
+    table.refuse(columns["poller"] == columns["sender"], "sender", "another vehicle than the poller")
+    table.refuse(columns["tol_ns"] < columns["t_ns"], "tol_ns", "at or after the launch of the poll")
+    for name in ("poll_bytes", "reply_bytes", "air_time_ns"):
+        table.refuse(columns[name] < 0, name, "at least 0")
+    slots = table.log.slots
+    known = set(zip(slots["tol_ns"].tolist(), slots["sender"].tolist(), strict=True)) if slots else set()
+    pairs = list(zip(columns["tol_ns"].tolist(), columns["sender"].tolist(), strict=True))
+    absent = np.fromiter((pair not in known for pair in pairs), dtype=np.bool_)
+    table.refuse(absent, "sender", "one that has a slot then")
+    counts = Counter(pairs)
+    again = np.fromiter((counts[pair] > 1 for pair in pairs), dtype=np.bool_)
+    table.refuse(again, "tol_ns", "of a slot that is polled once")
 
 
 def _opportunities(table: _Table) -> None:

@@ -125,7 +125,7 @@ class Spec:
 
 
 def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
-    return _native.Navigator.dead_reckoning(context.vehicle, dict(options))
+    return _native.Navigator.dead_reckoning(context.vehicle, context.vehicles, dict(options))
 
 
 def _dmpf(context: Context, options: Mapping[str, Any], chart: _native.Chart | None) -> Navigator:
@@ -135,8 +135,11 @@ def _dmpf(context: Context, options: Mapping[str, Any], chart: _native.Chart | N
 
 
 def _mpf(context: Context, options: Mapping[str, Any], chart: _native.Chart | None) -> Navigator:
+    complete = dict(options)
+    if complete["range_temper"] is None:
+        complete["range_temper"] = 1 / max(context.vehicles - 1, 1)
     return _native.Navigator.mpf(
-        context.vehicle, context.vehicles, dict(options), chart, context.sound_speed_mps, context.seed
+        context.vehicle, context.vehicles, complete, chart, context.sound_speed_mps, context.seed
     )
 
 

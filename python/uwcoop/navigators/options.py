@@ -130,8 +130,12 @@ class MpfOptions(FilterOptions):
     bias_states: bool = False
     """Compass and thrust bias as further Kalman states."""
     range_method: Literal["gaussian"] = "gaussian"
-    range_temper: Share = 0.05
-    """A teammate's belief holds what this vehicle told it: how much of its range counts as news."""
+    range_news: bool = True
+    """A teammate's position is wrong by an error that lasts: of its range counts what the error's renewal since it was
+    last heard makes new. Off: every range counts alike."""
+    range_temper: Share | None = None
+    """Further exponent of the range likelihood. None: 1 over the number of teammates, who may all pass on the same
+    news; 0.05 without `range_news`."""
     range_gate_sigmas: Positive | None = 6.0
     monitor: bool = True
     """Spread the cloud when its soundings have contradicted it for long."""
@@ -149,6 +153,8 @@ class MpfOptions(FilterOptions):
         values = super().native(correlation_length_m)
         length = correlation_length_m if self.correlation_length_m is None else self.correlation_length_m
         white = length == 0
+        if self.range_temper is None and not self.range_news:
+            values["range_temper"] = 0.05
         if self.student_dof is None:
             values["student_dof"] = math.inf if white else 4.0
         if self.sigma_offset_m_per_sounding is None:

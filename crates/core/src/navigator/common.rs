@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
+use super::news::Growth;
 use super::trajectory::Trajectory;
 use super::{Estimate, Outcome, Particles, Status};
 use crate::cloud::Cloud;
@@ -54,6 +55,20 @@ pub fn check_event(event: &Event, own: VehicleId, now_ns: Option<i64>) -> Result
         return Err(Error::FromThePast { event_ns: event.t_ns, now_ns });
     }
     event.payload.validate()
+}
+
+/// Refuses a sender that is the receiver itself, or that the team does not have.
+///
+/// # Errors
+/// [`Error::WrongVehicle`], [`Error::UnknownVehicle`].
+pub fn check_sender(sender: VehicleId, own: VehicleId, vehicles: usize) -> Result<(), Error> {
+    if sender == own {
+        return Err(Error::WrongVehicle { event: sender, own });
+    }
+    if usize::from(sender) >= vehicles {
+        return Err(Error::UnknownVehicle { vehicle: sender, count: vehicles });
+    }
+    Ok(())
 }
 
 /// How a vehicle's dead reckoning drifts. Random walks are per root second.
@@ -184,14 +199,24 @@ impl Radio {
     /// [`Error::UnknownVehicle`], [`Error::WrongVehicle`].
     pub fn check_sender(&self, payload: &Payload) -> Result<(), Error> {
         match payload {
-            Payload::Reception { sender, .. } if *sender == self.own => {
-                Err(Error::WrongVehicle { event: *sender, own: self.own })
-            }
-            Payload::Reception { sender, .. } if usize::from(*sender) >= self.windows.len() => {
-                Err(Error::UnknownVehicle { vehicle: *sender, count: self.windows.len() })
-            }
+            Payload::Reception { sender, .. } => check_sender(*sender, self.own, self.windows.len()),
             _ => Ok(()),
         }
+    }
+
+    /// Refuses a snapshot of another vehicle or team.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`].
+    pub fn check_same(&self, other: &Self) -> Result<(), Error> {
+        let (own, theirs) = ((self.own, self.windows.len()), (other.own, other.windows.len()));
+        if own == theirs {
+            return Ok(());
+        }
+        Err(Error::Snapshot(format!(
+            "it is of vehicle {} in a team of {}, not of {} in {}",
+            theirs.0, theirs.1, own.0, own.1
+        )))
     }
 
     /// The vehicle's own depth, m.
@@ -373,6 +398,24 @@ impl<const K: usize> ParticleCore<K> {
         })
     }
 
+    /// Refuses a snapshot of another number of particles, or whose columns differ in length.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`].
+    pub fn check_same(&self, other: &Self) -> Result<(), Error> {
+        let (own, theirs) = (&self.cloud, &other.cloud);
+        if own.len() != theirs.len() {
+            return Err(Error::Snapshot(format!("it holds {} particles, not {}", theirs.len(), own.len())));
+        }
+        let full = [theirs.north.len(), theirs.weights().len()];
+        let lengths = full.into_iter().chain(theirs.linear.iter().map(Vec::len));
+        let offsets = [theirs.offset.len(), theirs.offset_variance.len()];
+        if lengths.into_iter().any(|n| n != own.len()) || offsets.iter().any(|n| *n != own.offset.len()) {
+            return Err(Error::Snapshot("its columns of particles differ in length".into()));
+        }
+        Ok(())
+    }
+
     /// Time that the core has advanced to.
     #[must_use]
     pub fn now_ns(&self) -> Option<i64> {
@@ -527,8 +570,29 @@ impl<const K: usize> ParticleCore<K> {
         estimate
     }
 
-    /// Moves an estimate of the present ahead by `dt_s`, with the cloud's own correlation of position and drift.
-    fn predict(&self, estimate: &mut Estimate, dt_s: f64) {
+    /// How the position's error would grow along `direction` in `dt_s` of dead reckoning from now.
+    #[must_use]
+    pub fn growth(&self, direction: [f64; 2], dt_s: f64) -> Growth {
+        let (mean, [ee, en, nn]) = self.cloud.position_moments();
+        let (_, cross, drift) = self.drift_ahead(mean, dt_s);
+        let u = Vector2::from(direction);
+        let position_m2 = (u.transpose() * Matrix2::new(ee, en, en, nn) * u)[0];
+        let drift_m2 = (u.transpose() * drift * u)[0].max(0.0);
+        let [walk_ee, walk_en, walk_nn] = self.drift.position_walk(dt_s);
+        let scale = (position_m2 * drift_m2).sqrt();
+        Growth {
+            correlation: if scale > 0.0 {
+                ((u.transpose() * cross * u)[0] / scale).clamp(0.0, 1.0)
+            } else {
+                0.0
+            },
+            drift_m2,
+            walk_m2: (u.transpose() * Matrix2::new(walk_ee, walk_en, walk_en, walk_nn) * u)[0],
+        }
+    }
+
+    /// Mean displacement by the linear states over `dt_s`, its covariance with the position, and its own covariance.
+    fn drift_ahead(&self, mean_m: [f64; 2], dt_s: f64) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
         let w = self.cloud.weights();
         let map = displacement_map::<K>(self.velocity_mps, dt_s);
         let f = SMatrix::<f64, 2, K>::from_fn(|r, c| map[r][c]);
@@ -539,14 +603,19 @@ impl<const K: usize> ParticleCore<K> {
         });
         let position = [&self.cloud.east, &self.cloud.north];
         let cross = SMatrix::<f64, 2, K>::from_fn(|r, c| {
-            weighted_covariance(w, position[r], estimate.mean_m[r], &columns[c], means[c])
+            weighted_covariance(w, position[r], mean_m[r], &columns[c], means[c])
         });
         let moved = f * SMatrix::<f64, K, 1>::from(means);
+        (moved, cross * f.transpose(), f * (spread + self.covariance) * f.transpose())
+    }
+
+    /// Moves an estimate of the present ahead by `dt_s`, with the cloud's own correlation of position and drift.
+    fn predict(&self, estimate: &mut Estimate, dt_s: f64) {
+        let (moved, coupled, drift) = self.drift_ahead(estimate.mean_m, dt_s);
         for a in 0..2 {
             estimate.mean_m[a] += self.velocity_mps[a] * dt_s + moved[a];
         }
-        let coupled = cross * f.transpose();
-        let added = f * (spread + self.covariance) * f.transpose() + coupled + coupled.transpose();
+        let added = drift + coupled + coupled.transpose();
         let walk = self.drift.position_walk(dt_s);
         estimate.covariance_m2[0] += added[(0, 0)] + walk[0];
         estimate.covariance_m2[1] += added[(0, 1)] + walk[1];

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::common::{Drift, check_event, load, save, seconds};
+use super::common::{Drift, check_event, check_sender, load, save, seconds};
 use super::{Estimate, Navigator, Outcome, Status};
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
@@ -19,6 +19,7 @@ type Covariance = SMatrix<f64, D, D>;
 /// A Kalman filter over position, current and the two biases that hears nothing but fixes.
 pub struct DeadReckoning {
     own: VehicleId,
+    vehicles: usize,
     drift: Drift,
     core: Core,
 }
@@ -34,12 +35,15 @@ struct Core {
 }
 
 impl DeadReckoning {
-    /// A navigator for vehicle `own`.
+    /// A navigator for vehicle `own` in a team of `vehicles`.
     ///
     /// # Errors
-    /// What [`Drift::validate`] says.
-    pub fn new(own: VehicleId, drift: Drift) -> Result<Self, Error> {
+    /// What [`Drift::validate`] says; [`Error::UnknownVehicle`] for one outside the team.
+    pub fn new(own: VehicleId, vehicles: usize, drift: Drift) -> Result<Self, Error> {
         drift.validate()?;
+        if usize::from(own) >= vehicles {
+            return Err(Error::UnknownVehicle { vehicle: own, count: vehicles });
+        }
         let core = Core {
             now_ns: None,
             started: false,
@@ -48,7 +52,7 @@ impl DeadReckoning {
             covariance: Covariance::zeros(),
             rejected: 0,
         };
-        Ok(Self { own, drift, core })
+        Ok(Self { own, vehicles, drift, core })
     }
 
     /// Mean and covariance moved ahead by `dt_s` with the velocity in force.
@@ -121,6 +125,9 @@ impl DeadReckoning {
 impl Navigator for DeadReckoning {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.core.now_ns)?;
+        if let Payload::Reception { sender, .. } = &event.payload {
+            check_sender(*sender, self.own, self.vehicles)?;
+        }
         self.advance(event.t_ns);
         match &event.payload {
             Payload::Motion { velocity_mps } => {
@@ -134,6 +141,10 @@ impl Navigator for DeadReckoning {
 
     fn transmit(&mut self, _tol_ns: i64, _capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
         Ok(None)
+    }
+
+    fn takes_ranges(&self) -> bool {
+        false
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

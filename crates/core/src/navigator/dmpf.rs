@@ -270,6 +270,10 @@ impl Navigator for Dmpf {
         self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
+    fn takes_ranges(&self) -> bool {
+        self.options.range.is_some()
+    }
+
     fn estimate(&self, t_ns: i64) -> Estimate {
         self.state.core.estimate(t_ns)
     }
@@ -279,7 +283,10 @@ impl Navigator for Dmpf {
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        self.state = load(snapshot)?;
+        let state: State = load(snapshot)?;
+        self.state.core.check_same(&state.core)?;
+        self.state.radio.check_same(&state.radio)?;
+        self.state = state;
         Ok(())
     }
 

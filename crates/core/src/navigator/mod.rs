@@ -6,6 +6,7 @@ pub mod dmpf;
 pub mod landmark;
 pub mod mpf;
 pub mod origin;
+pub mod news;
 pub mod range;
 pub mod sealed;
 pub mod team;
@@ -109,6 +110,11 @@ pub trait Navigator: Send {
 
     /// Whether packets end in the checksum of [`packet::seal`](crate::packet::seal), which a tag then replaces.
     fn has_checksum(&self) -> bool {
+        true
+    }
+
+    /// False for a navigator that has no use for a range, and therefore never polls for one.
+    fn takes_ranges(&self) -> bool {
         true
     }
 

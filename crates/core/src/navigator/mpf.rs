@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::common::{Drift, ParticleCore, Radio, check_event, load, save, seconds};
+use super::common::{Drift, Heard, ParticleCore, Radio, check_event, load, save, seconds};
+use super::news::News;
 use super::range::RangeOptions;
 use super::{Estimate, Navigator, Outcome, Particles};
 use crate::chart::{Chart, SigmaMap};
@@ -67,6 +68,8 @@ pub struct MpfOptions {
     pub monitor: Option<MonitorOptions>,
     /// Range likelihood; none leaves ranges unused and keeps silent.
     pub range: Option<RangeOptions>,
+    /// Of a teammate's range, count only what is new since it was last heard ([`News`]).
+    pub range_news: bool,
     /// Form of the broadcast belief.
     pub packet: PacketKind,
     /// Process noise and priors.
@@ -78,6 +81,9 @@ const MOST_SHARED: f64 = 1e6;
 
 /// No echo sounder is better than a millimetre, m.
 const LEAST_SIGMA_M: f64 = 1e-3;
+
+/// Two vehicles at one place have no direction between them, m.
+const LEAST_DISTANCE_M: f64 = 1e-6;
 
 /// A sounding that would leave too few particles is weighed again with twice the sigma, at most so many times.
 const SOFTENINGS: usize = 6;
@@ -95,6 +101,7 @@ pub struct Mpf<const K: usize> {
 pub(super) struct State<const K: usize> {
     pub(super) core: ParticleCore<K>,
     pub(super) radio: Radio,
+    news: News,
     /// Travelled distance at the last sounding used, m.
     sounded_at_m: Option<f64>,
     health: f64,
@@ -136,6 +143,7 @@ impl<const K: usize> Mpf<K> {
             state: State {
                 core,
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
+                news: News::new(vehicles),
                 sounded_at_m: None,
                 health: 1.0,
                 alarms: 0,
@@ -282,11 +290,31 @@ impl<const K: usize> Mpf<K> {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
         };
-        let outcome = self.state.core.range(&heard, toa_ns, &range);
+        let share = self.new_share(sender, tol_ns, &heard);
+        let outcome = self.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
+            self.state.news.heard(sender, tol_ns, heard.said.moments().1);
             self.resample();
         }
         outcome
+    }
+}
+
+impl<const K: usize> Mpf<K> {
+    /// Share of this belief that counts: all of it, or what is new.
+    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &Heard) -> f64 {
+        let (true, Some(before_ns)) = (self.options.range_news, self.state.news.heard_at(sender)) else {
+            return 1.0;
+        };
+        let (theirs, covariance_m2) = heard.said.moments();
+        let core = &self.state.core;
+        let (own, _) = core.cloud.position_moments();
+        let (de, dn) = (own[0] - theirs[0], own[1] - theirs[1]);
+        let distance_m = de.hypot(dn).max(LEAST_DISTANCE_M);
+        let direction = [de / distance_m, dn / distance_m];
+        // A teammate drifts as this vehicle does: its packets have no room for more.
+        let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before_ns)));
+        self.state.news.share(sender, covariance_m2, direction, &growth)
     }
 }
 
@@ -432,6 +460,10 @@ impl<const K: usize> Navigator for Mpf<K> {
         self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
+    fn takes_ranges(&self) -> bool {
+        self.options.range.is_some()
+    }
+
     fn estimate(&self, t_ns: i64) -> Estimate {
         self.state.core.estimate(t_ns)
     }
@@ -441,7 +473,10 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        self.state = load(snapshot)?;
+        let state: State<K> = load(snapshot)?;
+        self.state.core.check_same(&state.core)?;
+        self.state.radio.check_same(&state.radio)?;
+        self.state = state;
         Ok(())
     }
 

@@ -37,11 +37,22 @@ pub struct RangeOptions {
     pub entropy_sigma_m: Option<f64>,
 }
 
+impl RangeOptions {
+    /// The same with a Gaussian likelihood to a further power; (17) knows none.
+    #[must_use]
+    pub fn counting(mut self, share: f64) -> Self {
+        if let RangeMethod::Gaussian { temper } = &mut self.method {
+            *temper *= share;
+        }
+        self
+    }
+}
+
 impl Said {
-    /// One Gaussian with the moments of what was said. Particles are where the vehicle is now, the range holds for where
-    /// it was at arrival: the belief is moved along by the displacement since.
-    fn summary(&self, range_m: f64, moved_m: [f64; 2], sigma_m: f64) -> RangeBelief {
-        let (mean, covariance_m2) = match self {
+    /// Mean, m, and covariance [ee, en, nn], m², of what was said.
+    #[must_use]
+    pub fn moments(&self) -> ([f64; 2], [f64; 3]) {
+        match self {
             Self::Gaussian(belief) => gaussian(belief),
             Self::Cloud(cloud) => moments(&cloud.weights, &cloud.east, &cloud.north),
             Self::Mixture(modes) => {
@@ -58,7 +69,13 @@ impl Said {
                 let [e, n] = mean;
                 (mean, [square[0] - e * e, square[1] - e * n, square[2] - n * n])
             }
-        };
+        }
+    }
+
+    /// One Gaussian with the moments of what was said. Particles are where the vehicle is now, the range holds for where
+    /// it was at arrival: the belief is moved along by the displacement since.
+    fn summary(&self, range_m: f64, moved_m: [f64; 2], sigma_m: f64) -> RangeBelief {
+        let (mean, covariance_m2) = self.moments();
         RangeBelief { mean_m: [mean[0] + moved_m[0], mean[1] + moved_m[1]], covariance_m2, range_m, sigma_m }
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::Team;
+use super::{Poll, Team};
 use crate::event::VehicleId;
 use crate::navigator::{Estimate, Status};
 
@@ -20,7 +20,7 @@ pub struct PacketRecord {
     pub tol_ns: i64,
     /// Arrival of the signal's start, ns.
     pub toa_ns: i64,
-    /// Length.
+    /// Length on the air.
     pub bytes: u32,
     /// Frames it took.
     pub frames: u32,
@@ -68,8 +68,10 @@ pub struct Tracks {
     pub off_chart: Vec<bool>,
     /// What navigators said of themselves, a column for each name; NaN where one said nothing of the kind.
     pub diagnostics: BTreeMap<String, Vec<f64>>,
-    /// (vehicle, TOL, bytes) of every packet sent.
+    /// (vehicle, TOL, bytes) of every packet sent; an answer to a poll with what it carries beside the packet.
     pub sent: Vec<(VehicleId, i64, u32)>,
+    /// Every poll of two-way ranging, heard or not.
+    pub polls: Vec<Poll>,
     /// Every packet at every receiver.
     pub packets: Vec<PacketRecord>,
     /// Particles.
@@ -174,6 +176,11 @@ impl Record {
     /// Writes down that a packet was launched.
     pub fn sent(&mut self, sender: VehicleId, tol_ns: i64, bytes: usize) {
         self.tracks.sent.push((sender, tol_ns, bytes as u32));
+    }
+
+    /// Writes down that a slot was polled.
+    pub fn polled(&mut self, poll: Poll) {
+        self.tracks.polls.push(poll);
     }
 
     /// Writes down a packet at one receiver; the index is for [`Record::accepted`].

@@ -107,6 +107,15 @@ impl Team {
         }
     }
 
+    /// Whether this vehicle's navigator has a use for ranges; a centralised reference has.
+    #[must_use]
+    pub fn takes_ranges(&self, vehicle: VehicleId) -> bool {
+        match self {
+            Self::Each(navigators) => navigators.get(usize::from(vehicle)).is_some_and(|n| n.takes_ranges()),
+            Self::Central(_) => true,
+        }
+    }
+
     /// What the last fused range told a vehicle, nat; NaN where nobody keeps count.
     #[must_use]
     pub fn information_nat(&self, vehicle: VehicleId) -> f64 {

@@ -109,6 +109,7 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
             repeat_s: 100.0,
         }),
         range: range(GAUSSIAN, 6.0),
+        range_news: true,
         packet: PacketKind::Belief,
         drift: drift(),
     }
@@ -148,7 +149,7 @@ pub fn navigators(
     chart: &Arc<Chart>,
 ) -> Vec<(&'static str, Box<dyn Navigator>)> {
     let mut all = particle_navigators(own, vehicles, chart);
-    all.push(("dead-reckoning", Box::new(DeadReckoning::new(own, drift()).unwrap())));
+    all.push(("dead-reckoning", Box::new(DeadReckoning::new(own, vehicles, drift()).unwrap())));
     all
 }
 
