@@ -154,6 +154,14 @@ impl<N: Navigator> Navigator for Sealed<N> {
         false
     }
 
+    fn takes_ranges(&self) -> bool {
+        self.inner.takes_ranges()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        self.inner.diagnostics()
+    }
+
     fn needs_delivery_oracle(&self) -> bool {
         self.inner.needs_delivery_oracle()
     }
@@ -191,6 +199,14 @@ impl Navigator for Box<dyn Navigator> {
 
     fn has_checksum(&self) -> bool {
         self.as_ref().has_checksum()
+    }
+
+    fn takes_ranges(&self) -> bool {
+        self.as_ref().takes_ranges()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        self.as_ref().diagnostics()
     }
 
     fn needs_delivery_oracle(&self) -> bool {
