@@ -240,7 +240,9 @@ def _write_reconstruction(result: RunResult, path: Path) -> None:
     from uwcoop.particles import around_fixes
 
     told = result.tracks.get("reconstructions")
-    counted = [] if told is None else [n for n in told["navigator"].values if (told.sel(navigator=n) > 0).any()]
+    counted = (
+        [] if told is None else [n for n in told["navigator"].values if (told.sel(navigator=n) > 0).any()]
+    )
     if not counted:
         raise TracksError("no navigator reconstructs particles in this mission")
     around = around_fixes(result.log, str(counted[0]))
