@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop import metrics
+from uwcoop.viewer.landmark import EVENTS, FIXES
 from uwcoop.viewer.stage import TIMELINE, Stage, entity
 
 if TYPE_CHECKING:
@@ -23,8 +24,10 @@ def blueprint(
     tracks: xr.Dataset,
     packets: Mapping[str, NDArray[Any]],
     clouds: xr.Dataset | None,
+    *,
+    events: bool = False,
 ) -> Any:
-    """Layout of the recording."""
+    """Layout of the recording; `events`: with the text log of landings and roles."""
     import rerun.blueprint as rrb
 
     shown = _most_telling(stage, clouds, packets)
@@ -64,7 +67,9 @@ def blueprint(
         texts = [_text(navigator) for navigator in talking]
         active = talking.index(shown) if shown in talking else len(talking) - 1
         right.append(rrb.Tabs(*texts, active_tab=active, name="acoustics"))
-    shares = [len(error_plots) if stacked else 1.5, 1.3, 1.3][: len(right)]
+    if events:
+        right.append(_event_text())
+    shares = [len(error_plots) if stacked else 1.5, 1.3, 1.3, 1.0][: len(right)]
     return rrb.Blueprint(
         rrb.Horizontal(scenes, rrb.Vertical(*right, row_shares=shares), column_shares=[3, 2]),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, playback_speed=10.0),
@@ -92,7 +97,7 @@ def _scene(stage: Stage, navigator: str) -> Any:
     eye = centre + stage.span_m * np.array([0.16, -0.8, 0.85])
     return rrb.Spatial3DView(
         origin="/",
-        contents=[f"+ {root}/{part}/**" for part in ("chart", "surface", "truth")]
+        contents=[f"+ {root}/{part}/**" for part in ("chart", "surface", "truth", FIXES)]
         + [f"+ {stage.entity(navigator)}/**"],
         name=navigator,
         background=rrb.Background(color=(24, 28, 34)),
@@ -131,6 +136,16 @@ def _text(navigator: str) -> Any:
         origin=entity("acoustics", navigator),
         name=f"acoustics: {navigator}",
         columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+    )
+
+
+def _event_text() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TextLogView(
+        origin=entity(EVENTS),
+        name="landings and roles",
+        columns=rrb.TextLogColumns(text_log_columns=["Body"]),
     )
 
 
