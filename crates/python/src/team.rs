@@ -41,6 +41,9 @@ fn team_navigator(
         packet_spacing_m: named.number("packet_spacing_m")?,
         group_size: named.count("group_size")?,
         least_ess_share: named.number("packet_least_ess_share")?,
+        residual_weight: named.number("residual_weight")?,
+        teammate_walk_m_per_sqrt_s: named.number("teammate_walk_m_per_sqrt_s")?,
+        packet_temper: named.number("packet_temper")?,
         fill_reach_m: named.number("fill_reach_m")?,
     };
     let chart = chart.map(|c| c.inner.clone());

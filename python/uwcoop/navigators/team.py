@@ -8,7 +8,7 @@ from pydantic import Field
 
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
-from uwcoop.navigators.options import DRIFT_PRESETS, MpfOptions, NonNegative, Positive
+from uwcoop.navigators.options import DRIFT_PRESETS, MpfOptions, NonNegative, Positive, Share
 
 DriftName = Literal["table-1", "no-dvl", "dvl"]
 DRIFT_KEYS = (
@@ -41,6 +41,12 @@ class TeamOptions(MpfOptions):
     left out, everything else stays exact."""
     packet_least_ess_share: Annotated[float, Field(ge=0, le=0.5)] = 0.02
     """A packet that would leave a smaller effective share of the particles has its weight quartered, six times at most."""
+    residual_weight: Positive = 1.0
+    """What a linearised sounding leaves out counts as noise with this weight."""
+    teammate_walk_m_per_sqrt_s: NonNegative = 0.0
+    """White noise of a teammate's position beside its drift."""
+    packet_temper: Share = 1.0
+    """Exponent of a packet's weights."""
     fill_reach_m: Positive = 60.0
     """Over holes no wider than this a teammate's sounding is linearised on a filled copy of the chart."""
 

@@ -131,6 +131,8 @@ pub struct Terrain<'a> {
     pub sigma: MapSigma<'a>,
     /// Degrees of freedom of Student's t; infinite for a Gaussian.
     pub dof: f64,
+    /// What the linearisation leaves out counts as noise with this weight: neighbouring soundings share it.
+    pub residual_weight: f64,
 }
 
 /// Own positions of each particle at two instants: at the last launch, and at the packet's arrival.
@@ -255,7 +257,11 @@ fn load(lane: &mut Lane, column: &[f64], first: usize, count: usize) {
 
 #[inline(always)]
 fn store(lane: &Lane, column: &mut [f64], first: usize, count: usize) {
-    column[first..first + count].copy_from_slice(&lane[..count]);
+    if count == LANES {
+        column[first..first + LANES].copy_from_slice(lane);
+    } else {
+        column[first..first + count].copy_from_slice(&lane[..count]);
+    }
 }
 
 /// x += a·y.
@@ -399,7 +405,7 @@ fn sounding(
         let east = (d1 - north * l21[l]) / l11[l];
         let innovation = water_depth_m - mean - mb[l];
         nu[l] = if on_chart { innovation } else { 0.0 };
-        rho[l] = if residual > 0.0 { residual } else { 0.0 };
+        rho[l] = if residual > 0.0 { terrain.residual_weight * residual } else { 0.0 };
         gn[l] = if on_chart { north } else { 0.0 };
         ge[l] = if on_chart { east } else { 0.0 };
     }

@@ -1,6 +1,8 @@
 //! A small world for the tests: charts of known form, the navigators' usual options, a vehicle, packets.
 #![allow(dead_code, reason = "each test binary uses a part of it")]
 
+pub mod fleet;
+
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
