@@ -25,7 +25,7 @@ from uwcoop.navigators import NAVIGATORS
 SHORT = ("--set", "duration_s=60", "--set", "navigator.all.particles=100")
 VEHICLE_KEYS = {
     "rmse_m", "median_error_m", "p95_error_m", "final_error_m", "anees", "state_anees_per_dof", "yaw_rmse_deg",
-    "rejected", "rmse_over_bound",
+    "rejected", "rmse_over_bound", "rmse_over_linearised_bound",
 }  # fmt: skip
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
+    "Authenticator",
     "Chart",
     "Estimate",
     "Event",
@@ -15,6 +16,7 @@ __all__ = [
     "Replay",
     "bilinear_depth",
     "bilinear_gradient",
+    "bound",
     "decode_belief",
     "effective_sample_size",
     "encode_belief",
@@ -35,6 +37,16 @@ __all__ = [
 
 _F8 = NDArray[np.float64]
 _I8 = NDArray[np.int64]
+
+@final
+class Authenticator:
+    """Tags of a team's packets: HMAC-SHA-256 over packet, sender and launch time, cut to `tag_bytes`."""
+
+    def __new__(cls, key: bytes, tag_bytes: int, mission: int) -> Authenticator: ...
+    @property
+    def tag_bytes(self) -> int: ...
+    def seal(self, packet: bytes, sender: int, tol_ns: int) -> bytes: ...
+    def open(self, sealed: bytes, sender: int, tol_ns: int) -> bytes | None: ...
 
 @final
 class Chart:
@@ -115,6 +127,12 @@ class Navigator:
     ) -> Navigator: ...
     def handle(self, event: Event) -> str: ...
     def transmit(self, tol_ns: int, capacity_bytes: int) -> bytes | None: ...
+    def transmit_described(
+        self, tol_ns: int, capacity_bytes: int
+    ) -> tuple[
+        bytes | None, list[tuple[str, int, int, tuple[str, float, float, str, float, str] | None]]
+    ]: ...
+    def sealed(self, vehicle: int, vehicles: int, authenticator: Authenticator) -> Navigator: ...
     def estimate(self, t_ns: int) -> Estimate: ...
     def snapshot(self) -> bytes: ...
     def restore(self, snapshot: bytes) -> None: ...
@@ -147,11 +165,21 @@ class Replay:
     ) -> Replay: ...
     @property
     def seconds(self) -> float: ...
+    def authenticate(self, authenticator: Authenticator) -> None: ...
     def run(self, until_ns: int | None = None) -> None: ...
     def snapshot(self) -> bytes: ...
     def restore(self, snapshot: bytes) -> None: ...
     def tracks(self) -> dict[str, Any]: ...
 
+def bound(
+    chart: Chart | None,
+    truth_ns: _I8,
+    truth_m: _F8,
+    events: Mapping[str, Mapping[str, Any]],
+    ranges: Mapping[str, _I8],
+    model: Mapping[str, Any],
+    sample_ns: _I8,
+) -> _F8: ...
 def team_navigator(
     vehicle: int,
     vehicles: int,

@@ -1,4 +1,4 @@
-"""What talking costs: a navigator's packet in bytes, frames, air time, slots and cycles."""
+"""What talking costs: a navigator's packet in fields, bits, bytes, frames, air time, slots and cycles."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from uwcoop import _native, acoustics
+from uwcoop.authentication import tag_bytes_of
 from uwcoop.errors import NavigatorError, ScheduleError
 from uwcoop.navigators import NAVIGATORS, Context, build, options_of
 from uwcoop.scenario.acoustics import Acoustics
@@ -14,7 +15,40 @@ from uwcoop.scenario.acoustics import Acoustics
 if TYPE_CHECKING:
     from uwcoop.scenario.models import Scenario
 
-__all__ = ["Budget", "Cost", "budget", "fitting", "packet_bytes", "refuse_misfits"]
+__all__ = [
+    "TEAM_SIZES",
+    "Budget",
+    "Cost",
+    "Field",
+    "SlotPlan",
+    "TeamPlan",
+    "budget",
+    "fitting",
+    "packet_bytes",
+    "packet_fields",
+    "refuse_misfits",
+]
+
+TEAM_SIZES = (2, 3, 4, 5, 8, 12, 16)
+"""Sizes of a team that the planner shows beside the scenario's own."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """What a packet spends some of its bits on, as the code that encodes it says."""
+
+    name: str
+    bits: int
+    """Of one."""
+    count: int
+    """How many of them there are."""
+    meaning: str
+    """Range, step and rounding of a number; empty for counters, bitmaps and checks."""
+
+    @property
+    def total_bits(self) -> int:
+        """Bits of all of them."""
+        return self.bits * self.count
 
 
 @dataclass(frozen=True)
@@ -28,6 +62,36 @@ class Cost:
     """Air time and guard: the shortest slot that it would fit."""
     survive: float
     """Probability that every frame arrives, collisions aside."""
+    fields: tuple[Field, ...] = ()
+    """In the packet's order; their bits add up to `packet_bytes`, tag included. Empty: the navigator does not say."""
+
+
+@dataclass(frozen=True)
+class TeamPlan:
+    """A team of another size in the same slots."""
+
+    vehicles: int
+    cycle_s: float
+    broadcasts_per_min: float
+    """Of each vehicle."""
+    heard_per_min: float
+    """By each vehicle, if none is lost."""
+    packet_bytes: dict[str, int | None]
+    """By talking navigator."""
+    slot_needed_s: dict[str, float | None]
+    """By talking navigator, the shortest slot for its packet; None: no slot of this modem holds it."""
+
+
+@dataclass(frozen=True)
+class SlotPlan:
+    """The shortest slot for so many frames, with the scenario's team."""
+
+    frames: int
+    capacity_bytes: int
+    slot_s: float
+    cycle_s: float
+    broadcasts_per_min: float
+    heard_per_min: float
 
 
 @dataclass(frozen=True)
@@ -48,10 +112,14 @@ class Budget:
     """By vehicle, packets of the others in a minute if none is lost."""
     costs: dict[str, Cost | None]
     """By navigator; None: it sends nothing."""
+    tag_bytes: int = 0
+    """Of every packet's authentication, in `costs` already."""
+    teams: tuple[TeamPlan, ...] = ()
+    slots: tuple[SlotPlan, ...] = ()
 
 
 def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budget:
-    """Bytes → frames → air time → slot → cycle for each navigator.
+    """Fields → bits → frames → air time → slot → cycle for each navigator, and what other teams and slots would do.
 
     Raises:
         ScheduleError: a packet that does not fit its slot, with the arithmetic.
@@ -60,29 +128,16 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
     plan = scenario.acoustics
     link = acoustics.link_of(plan)
     capacity = acoustics.slot_capacity_bytes(plan)
+    tables = scenario.resolved()
     names = [vehicle.name for vehicle in scenario.team]
     order = list(plan.order) or names
     cycle_s = plan.slot_s * len(order)
-    # A two-way range is the poller's alone: teammates take turns at polling.
-    pollers = 1 if plan.ranging == "one-way" else len(names) - 1
-    costs: dict[str, Cost | None] = {}
-    asked = fitting(scenario.resolved(), len(names)) if navigators is None else navigators
-    for name in asked:
-        size = packet_bytes(name, scenario.resolved(), len(names), capacity)
-        if size is None:
-            costs[name] = None
-            continue
-        acoustics.check_packet(plan, size, f"{name}'s packet")
-        frames = acoustics.packet_frames(plan, size)
-        costs[name] = Cost(
-            packet_bytes=size,
-            frames=frames,
-            air_time_s=acoustics.air_time_s(link, frames),
-            slot_needed_s=acoustics.slot_needed_s(plan, frames),
-            survive=acoustics.packet_survival(plan, frames),
-        )
+    asked = fitting(tables, len(names)) if navigators is None else list(navigators)
+    costs = {name: _cost(name, plan, tables, len(names), capacity) for name in asked}
     if plan.packet_bytes is not None:
         acoustics.check_packet(plan, plan.packet_bytes)
+    talking = [name for name, cost in costs.items() if cost is not None]
+    sizes = sorted({*TEAM_SIZES, len(names)})
     return Budget(
         scenario=scenario.name,
         modem=link.modem,
@@ -94,9 +149,13 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
         guard_s=plan.guard,
         cycle_s=cycle_s,
         heard_per_min={
-            name: 60 * sum(other != name for other in order) / cycle_s / pollers for name in names
+            name: 60 * sum(other != name for other in order) / cycle_s / _pollers(plan, len(names))
+            for name in names
         },
         costs=costs,
+        tag_bytes=tag_bytes_of(tables),
+        teams=tuple(_team_plan(size, plan, tables, talking, capacity) for size in sizes),
+        slots=tuple(_slot_plans(plan, len(order), len(names))),
     )
 
 
@@ -129,17 +188,129 @@ def fitting(tables: Mapping[str, Any], vehicles: int) -> list[str]:
 
 
 def packet_bytes(name: str, tables: Mapping[str, Any], vehicles: int, capacity_bytes: int) -> int | None:
-    """Length of what a packaged navigator sends once it has started; None if it sends nothing.
+    """Length of what a packaged navigator sends once it is under way, tag included; None if it sends nothing.
 
     A navigator that fits its packet to the slot is asked with the slot's capacity; one whose packet is too
     long for it, without a limit, so that the schedule can say what is missing. `tables`: a resolved scenario.
     """
+    packet, _ = _packet(name, tables, vehicles, capacity_bytes)
+    return None if packet is None else len(packet)
+
+
+def packet_fields(
+    name: str, tables: Mapping[str, Any], vehicles: int, capacity_bytes: int
+) -> tuple[Field, ...]:
+    """What a packaged navigator's packet consists of; empty if it sends nothing. As `packet_bytes`."""
+    return _packet(name, tables, vehicles, capacity_bytes)[1]
+
+
+def _packet(
+    name: str, tables: Mapping[str, Any], vehicles: int, capacity_bytes: int
+) -> tuple[bytes | None, tuple[Field, ...]]:
+    tag_bytes = tag_bytes_of(tables)
     context = Context(0, vehicles, tables["acoustics"]["sound_speed_mps"], 0, None)
-    navigator = build(name, context, options_of(name, tables), None)
+
+    def ready() -> tuple[_native.Navigator, int]:
+        navigator = build(name, context, options_of(name, tables), None)
+        launch_ns = _under_way(navigator, tables["acoustics"]["slot_s"] * vehicles)
+        if tag_bytes:
+            # The key does not change the length; the team's own stays where it is.
+            navigator = navigator.sealed(0, vehicles, _native.Authenticator(bytes(16), tag_bytes, 0))
+        return navigator, launch_ns
+
+    navigator, launch_ns = ready()
+    try:
+        packet, fields = navigator.transmit_described(launch_ns, capacity_bytes)
+    except NavigatorError:
+        navigator, launch_ns = ready()
+        packet, fields = navigator.transmit_described(launch_ns, acoustics.NO_LIMIT_BYTES)
+    return packet, tuple(Field(field, bits, count, _meaning(scale)) for field, bits, count, scale in fields)
+
+
+def _under_way(navigator: _native.Navigator, cycle_s: float) -> int:
+    """Two cycles of ordinary events and the first one's packet, so that the second one's holds what it holds on a
+    mission; its launch time."""
     start = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 1.0, "cov_en_m2": 0.0, "cov_nn_m2": 1.0}
     navigator.handle(_native.Event(0, 0, "fix", **start))
-    try:
-        packet = navigator.transmit(0, capacity_bytes)
-    except NavigatorError:
-        packet = navigator.transmit(0, acoustics.NO_LIMIT_BYTES)
-    return None if packet is None else len(packet)
+    seconds = min(max(1, round(cycle_s)), 600)
+    for second in range(2 * seconds + 1):
+        at = 1_000_000_000 * second
+        navigator.handle(_native.Event(at, 0, "depth", depth_m=2.0, sigma_m=0.1))
+        navigator.handle(_native.Event(at, 0, "water_depth", water_depth_m=20.0, sigma_m=0.1))
+        navigator.handle(_native.Event(at, 0, "motion", velocity_e_mps=1.0, velocity_n_mps=0.5))
+        if second == seconds:
+            navigator.transmit(at, acoustics.NO_LIMIT_BYTES)
+    return 1_000_000_000 * 2 * seconds
+
+
+def _meaning(scale: tuple[str, float, float, str, float, str] | None) -> str:
+    if scale is None:
+        return ""
+    unit, least, greatest, kind, step, rounding = scale
+    size = {
+        "linear": f"steps of {step:.6g}{' ' + unit if unit else ''}",
+        "factor": f"steps of {100 * (step - 1):.3g} %",
+        "atanh": f"steps of {step:.4g} in atanh",
+    }[kind]
+    return f"{least:.6g} to {greatest:.6g}{' ' + unit if unit else ''}, {size}, rounded {_ROUNDED[rounding]}"
+
+
+_ROUNDED = {"nearest": "to the nearest", "up": "up", "down": "down", "toward zero": "toward zero"}
+
+
+def _cost(name: str, plan: Acoustics, tables: Mapping[str, Any], vehicles: int, capacity: int) -> Cost | None:
+    packet, fields = _packet(name, tables, vehicles, capacity)
+    if packet is None:
+        return None
+    acoustics.check_packet(plan, len(packet), f"{name}'s packet")
+    frames = acoustics.packet_frames(plan, len(packet))
+    return Cost(
+        packet_bytes=len(packet),
+        frames=frames,
+        air_time_s=acoustics.air_time_s(acoustics.link_of(plan), frames),
+        slot_needed_s=acoustics.slot_needed_s(plan, frames),
+        survive=acoustics.packet_survival(plan, frames),
+        fields=fields,
+    )
+
+
+def _pollers(plan: Acoustics, vehicles: int) -> int:
+    # A two-way range is the poller's alone: teammates take turns at polling.
+    return 1 if plan.ranging == "one-way" else max(1, vehicles - 1)
+
+
+def _team_plan(
+    vehicles: int, plan: Acoustics, tables: Mapping[str, Any], talking: Iterable[str], capacity: int
+) -> TeamPlan:
+    sizes = {name: packet_bytes(name, tables, vehicles, capacity) for name in talking}
+    most = acoustics.link_of(plan).max_frames
+    needed = {}
+    for name, size in sizes.items():
+        frames = None if size is None else acoustics.packet_frames(plan, size)
+        needed[name] = None if frames is None or frames > most else acoustics.slot_needed_s(plan, frames)
+    cycle_s = plan.slot_s * vehicles
+    return TeamPlan(
+        vehicles=vehicles,
+        cycle_s=cycle_s,
+        broadcasts_per_min=60 / cycle_s,
+        heard_per_min=60 * (vehicles - 1) / cycle_s / _pollers(plan, vehicles),
+        packet_bytes=sizes,
+        slot_needed_s=needed,
+    )
+
+
+def _slot_plans(plan: Acoustics, slots: int, vehicles: int) -> Iterable[SlotPlan]:
+    link = acoustics.link_of(plan)
+    if not link.frame_s:
+        return
+    for frames in range(1, link.max_frames + 1):
+        slot_s = acoustics.slot_needed_s(plan, frames)
+        cycle_s = slot_s * slots
+        yield SlotPlan(
+            frames=frames,
+            capacity_bytes=frames * link.frame_bytes,
+            slot_s=slot_s,
+            cycle_s=cycle_s,
+            broadcasts_per_min=60 / cycle_s,
+            heard_per_min=60 * (slots - slots / vehicles) / cycle_s / _pollers(plan, vehicles),
+        )

@@ -10,7 +10,7 @@ NaN, and both are counted (`nees_not_finite`).
 `tracks` is the Dataset of `uwcoop.run`. Beside its ordinary variables these are used when present:
 `truth_yaw_rad (vehicle, time)`, `pose_covariance (navigator, vehicle, time, pose, pose_b)` of (east m,
 north m, yaw rad), and `bound_m ([navigator,] vehicle, time)`, the root of the trace of the position's
-Cramér-Rao bound.
+Cramér-Rao bound, with `linearised_bound_m`, the same statistically linearised (`uwcoop.bound`).
 """
 
 from __future__ import annotations
@@ -62,6 +62,7 @@ ROW_COLUMNS: dict[str, type] = {
     "yaw_rmse_deg": float,
     "rejected": int,
     "rmse_over_bound": float,
+    "rmse_over_linearised_bound": float,
     "packet_bytes_mean": float,
     "packet_bytes_max": int,
     "seconds": float,
@@ -85,6 +86,7 @@ _VEHICLE_KEYS = (
     "yaw_rmse_deg",
     "rejected",
     "rmse_over_bound",
+    "rmse_over_linearised_bound",
 )
 
 
@@ -152,7 +154,10 @@ def rows(
                     "state_anees_per_dof": _state_anees_per_dof(tracks, i, j, grid),
                     "yaw_rmse_deg": _yaw_rmse_deg(tracks, i, j, grid),
                     "rejected": _rejected(tracks, i, j),
-                    "rmse_over_bound": _over_bound(tracks, i, j, grid, rmse_m),
+                    "rmse_over_bound": _over_bound(tracks, "bound_m", i, j, grid, rmse_m),
+                    "rmse_over_linearised_bound": _over_bound(
+                        tracks, "linearised_bound_m", i, j, grid, rmse_m
+                    ),
                     "packet_bytes_mean": mean_bytes,
                     "packet_bytes_max": max_bytes,
                     "seconds": float(seconds[navigator]),
@@ -219,6 +224,7 @@ def pool(table: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
             "state_anees_per_dof": _json(_weighted_mean(own, "state_anees_per_dof", "instants")),
             "lost_share": float((final > LOST_BEYOND_M).mean()) if final.size else None,
             "rmse_over_bound": _json(_quantile(_column(own, "rmse_over_bound"), 0.5)),
+            "rmse_over_linearised_bound": _json(_quantile(_column(own, "rmse_over_linearised_bound"), 0.5)),
             "yaw_rmse_deg": _json(_root(_weighted_mean(own, "yaw_rmse_deg", "instants", power=2))),
             "packet_bytes_max": int(sizes.max()) if sizes.size else None,
             "seconds": _mean(_column(list(one_per_run.values()), "seconds")),
@@ -308,13 +314,15 @@ def _yaw_rmse_deg(tracks: xr.Dataset, i: int, j: int, grid: NDArray[np.bool_]) -
 
 
 def _over_bound(
-    tracks: xr.Dataset, i: int, j: int, grid: NDArray[np.bool_], rmse_m: float | None
+    tracks: xr.Dataset, name: str, i: int, j: int, grid: NDArray[np.bool_], rmse_m: float | None
 ) -> float | None:
-    if "bound_m" not in tracks or rmse_m is None:
+    if name not in tracks or rmse_m is None:
         return None
     known = np.isfinite(_values(tracks, "truth_position_m")[j]).all(-1) & grid
-    bound = _values(tracks, "bound_m")
-    rms = _rms((bound[i, j] if bound.ndim == 3 else bound[j])[known])
+    bound = _values(tracks, name)
+    own = (bound[i, j] if bound.ndim == 3 else bound[j])[known]
+    # Before its first fix a vehicle has no bound.
+    rms = _rms(own[np.isfinite(own)])
     return rmse_m / rms if rms is not None and rms > 0 else None
 
 

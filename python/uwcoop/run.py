@@ -11,6 +11,8 @@ import numpy as np
 import xarray as xr
 
 from uwcoop import _native, metrics
+from uwcoop.authentication import authenticator_of
+from uwcoop.bound import BOUNDS, bounds_of
 from uwcoop.budget import fitting, refuse_misfits
 from uwcoop.errors import LogError
 from uwcoop.missionlog import MissionLog
@@ -154,7 +156,11 @@ def replay_for(
     else:
         options = options_of(navigator, log.scenario)
         team = [build(navigator, context, options, chart) for context in contexts]
-    return _native.Replay(mission, team, sample_ns, cloud_every)
+    replay = _native.Replay(mission, team, sample_ns, cloud_every)
+    authenticator = authenticator_of(log)
+    if authenticator is not None:
+        replay.authenticate(authenticator)
+    return replay
 
 
 def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, Any]]) -> xr.Dataset:
@@ -171,10 +177,12 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         at_arrival = (k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used]))
         heard[at_arrival] = True
         told[at_arrival] = packets["information_nat"][used]
-    optional = {}
+    optional: dict[str, Any] = {}
     if np.isfinite(told).any():
         nat = {"units": "nat", "long_name": "what the range that arrived now told about the position"}
         optional["mutual_information"] = (each, told, nat)
+    for bound, values in bounds_of(log, t_ns).items():
+        optional[bound] = (("vehicle", "time"), values, {"units": "m", "long_name": BOUNDS[bound]})
     received = np.zeros(covariance.shape[1:3], bool)
     for table in (log.opportunities, log.receptions):
         if table:

@@ -71,6 +71,7 @@ def simulate(
         origin=chart.origin,
         scenario=scenario.resolved(),
         truth=_truth(names, motion),
+        team_key=scenario.acoustics.authentication.key,
     )
 
 

@@ -7,6 +7,7 @@
 //! Conventions: local east–north frame in metres, depth positive down, yaw in radians counter-clockwise from east,
 //! time in integer nanoseconds since the mission's epoch.
 
+pub mod bound;
 pub mod chart;
 pub mod cloud;
 pub mod error;

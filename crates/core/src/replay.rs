@@ -5,6 +5,7 @@
 //! opportunity carries one uniform draw per frame, and a packet arrives if every frame that *this* packet needs
 //! survives.
 
+mod authenticated;
 mod record;
 mod team;
 

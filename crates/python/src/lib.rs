@@ -2,6 +2,8 @@
 
 use pyo3::prelude::*;
 
+mod authentication;
+mod bound;
 mod chart;
 mod errors;
 mod event;
@@ -15,7 +17,9 @@ mod team;
 /// The compiled core of uwcoop.
 #[pymodule]
 fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<authentication::Authenticator>()?;
     module.add_class::<chart::Chart>()?;
+    module.add_function(wrap_pyfunction!(bound::bound, module)?)?;
     module.add_class::<event::Event>()?;
     module.add_class::<navigators::Estimate>()?;
     module.add_class::<navigators::Navigator>()?;

@@ -10,9 +10,12 @@ use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
 use uwcoop_core::navigator::mpf::{MonitorOptions, Mpf, MpfOptions};
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
+use uwcoop_core::navigator::sealed::Sealed;
 use uwcoop_core::navigator::{Estimate as CoreEstimate, Navigator as CoreNavigator, Outcome, Status};
 use uwcoop_core::packet::PacketKind;
+use uwcoop_core::packet::layout::record;
 
+use crate::authentication::{Authenticator, Field, described};
 use crate::chart::Chart;
 use crate::errors::{argument, navigator};
 use crate::event::Event;
@@ -306,6 +309,24 @@ impl Navigator {
             .ok_or_else(held)?
             .map_err(navigator)?;
         Ok(packet.map(|bytes| PyBytes::new(py, &bytes)))
+    }
+
+    /// The same navigator as `vehicle` of a team of `vehicles` that seals its packets with tags; this one is empty then.
+    fn sealed(&self, vehicle: u16, vehicles: usize, authenticator: &Authenticator) -> PyResult<Self> {
+        let inner = authenticator.inner.clone();
+        Ok(Self::of(Sealed::new(self.take()?, vehicle, vehicles, inner)))
+    }
+
+    /// As `transmit`, with the fields that were written: (name, bits of one, how many, scale), the scale being None or
+    /// (unit, least, greatest, kind of step, step, rounding).
+    fn transmit_described<'py>(
+        &self,
+        py: Python<'py>,
+        tol_ns: i64,
+        capacity_bytes: usize,
+    ) -> PyResult<(Option<Bound<'py, PyBytes>>, Vec<Field>)> {
+        let (packet, fields) = record(|| self.transmit(py, tol_ns, capacity_bytes));
+        Ok((packet?, fields.iter().map(described).collect()))
     }
 
     /// The belief predicted to `t_ns`, without changing anything.

@@ -11,6 +11,7 @@ use uwcoop_core::error::Error;
 use uwcoop_core::navigator::Navigator as CoreNavigator;
 use uwcoop_core::replay::{Replay as CoreReplay, Team, Tracks};
 
+use crate::authentication::Authenticator;
 use crate::errors::{argument, navigator};
 use crate::mission::Mission;
 use crate::navigators::Navigator;
@@ -76,6 +77,11 @@ impl Replay {
         let inner = CoreReplay::new(mission.inner.clone(), Team::Each(team), samples, cloud_every)
             .map_err(navigator)?;
         Ok(Self { inner: Mutex::new(Some(inner)), failure, elapsed: Mutex::default() })
+    }
+
+    /// Seals the packets of every vehicle with tags, and checks them; before the replay begins.
+    fn authenticate(&self, authenticator: &Authenticator) -> PyResult<()> {
+        self.with(|r| r.authenticate(&authenticator.inner))
     }
 
     /// Runs until everything before `until_ns` has happened; without it, to the end.

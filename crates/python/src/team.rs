@@ -21,10 +21,8 @@ fn team_navigator(
     seed: u64,
 ) -> PyResult<Navigator> {
     let named = Options(options);
-    let drifts: Vec<Bound<'_, PyDict>> = options
-        .get_item("drifts")?
-        .ok_or_else(|| argument("option drifts is missing".into()))?
-        .extract()?;
+    let drifts: Vec<Bound<'_, PyDict>> =
+        options.get_item("drifts")?.ok_or_else(|| argument("option drifts is missing".into()))?.extract()?;
     let drifts = drifts.iter().map(|d| Options(d).drift()).collect::<PyResult<Vec<Drift>>>()?;
     let core = named.mpf_core(drifts.get(usize::from(vehicle)).copied())?;
     let team = TeamOptions {

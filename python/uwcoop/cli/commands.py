@@ -313,12 +313,12 @@ def study(
 def budget(
     scenario: ScenarioArgument, navigator: NavigatorsOption = None, settings: SetOption = None
 ) -> None:
-    """What talking costs: bytes, frames, air time, slot and cycle of each navigator's packet."""
+    """What talking costs: fields, bytes, frames, air time, slot and cycle; what other teams and slots would do."""
     from uwcoop.budget import budget as count
+    from uwcoop.budget_report import budget_report
     from uwcoop.missions import load_scenario
-    from uwcoop.tables import budget_table
 
-    terminal().print(budget_table(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
+    terminal().print(budget_report(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
 
 
 @app.command()

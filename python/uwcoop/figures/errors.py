@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2, 1, 2, 1, 2)))
 RECEIVED_COLOUR, LOST_COLOUR, REJECTED_COLOUR = "#444444", "#D55E00", "#56B4E9"
 
+BOUND_LINES: tuple[tuple[str, Any, str], ...] = (
+    ("bound_m", "-", "Cramér–Rao bound of the team"),
+    ("linearised_bound_m", (0, (2, 1.5)), "the same over its own spread"),
+)
+"""Variables of the tracks that bound the error from below, if they are there, with line style and label."""
+
 _LOG_ABOVE = 12.0
 """When navigators' typical errors differ by more than this factor, the axis is logarithmic."""
 
@@ -84,6 +90,7 @@ def _draw_errors(axes: Axes, tracks: xr.Dataset, error_m: NDArray[np.float64], v
     axes.axvspan(time[0], float(tracks.attrs["settle_s"]), color="#000000", alpha=0.07, lw=0, zorder=0)
     axes.axvline(float(tracks.attrs["settle_s"]), color="#666666", lw=0.8, ls="--", zorder=1)
     width = 1.3 if len(error_m) < 4 else 1.0
+    _draw_bounds(axes, tracks, vehicle)
     for i in range(error_m.shape[0]):
         colour = OKABE_ITO[i % 8]
         axes.plot(time, spread[i], color=colour, lw=0.7, alpha=0.75, zorder=2)
@@ -91,6 +98,15 @@ def _draw_errors(axes: Axes, tracks: xr.Dataset, error_m: NDArray[np.float64], v
         for start, end in _spans(time, tracks["off_chart"].values[i, vehicle]):
             axes.axvspan(
                 start, end, facecolor=colour, edgecolor=colour, alpha=0.15, lw=0, hatch="///", zorder=0.5
+            )
+
+
+def _draw_bounds(axes: Axes, tracks: xr.Dataset, vehicle: int) -> None:
+    """What no navigator's error can stay below in the long run, in black."""
+    for name, style, _ in BOUND_LINES:
+        if name in tracks and tracks[name].ndim == 2:
+            axes.plot(
+                tracks["time"].values, tracks[name].values[vehicle], color="black", lw=1.1, ls=style, zorder=4
             )
 
 
@@ -164,6 +180,11 @@ def _legend(figure: Figure, tracks: xr.Dataset, strips: bool, told_apart: bool) 
         for i, name in enumerate(tracks["navigator"].values)
     ]
     handles.append(Line2D([], [], color="#777777", lw=0.7, label="2·√trace of its covariance"))
+    handles += [
+        Line2D([], [], color="black", lw=1.1, ls=style, label=label)
+        for name, style, label in BOUND_LINES
+        if name in tracks
+    ]
     handles.append(Patch(facecolor="#000000", alpha=0.1, label=f"settling, {tracks.attrs['settle_s']:g} s"))
     if tracks["off_chart"].values.any():
         handles.append(

@@ -141,6 +141,8 @@ class MissionLog:
     """The resolved scenario, JSON-serialisable."""
     truth: xr.Dataset | None = None
     """dims (vehicle, time, axis): `position_m`, `depth_m`, `yaw_rad`, `current_mps`; `time` float64 s."""
+    team_key: bytes | None = field(default=None, repr=False, compare=False)
+    """Key of the packets' tags, in memory only: no file holds it."""
 
     def tables(self) -> Iterator[tuple[str, Columns]]:
         """Every table present, with its name: event kinds, then `slots`, `opportunities`, `receptions`."""

@@ -184,6 +184,10 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
     diagnostics = (scenario or {}).get("diagnostics", {})
     if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in model.model_fields:
         own.setdefault("entropy_sigma_m", diagnostics["entropy_sigma_m"])
+    # A packet that is laid out for its frame keeps the tag's room.
+    tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
+    if tags and "tag_bytes" in model.model_fields:
+        own.setdefault("tag_bytes", tags)
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:

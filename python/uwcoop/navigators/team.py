@@ -78,7 +78,9 @@ def team(vehicle: int, vehicles: int, options: dict[str, Any], chart: _native.Ch
     elif len(names) == vehicles:
         drifts = [options["presets"][name] for name in names]
     else:
-        raise NavigatorError(f"navigator.team.team_drift names {len(names)} vehicles: the team has {vehicles}")
+        raise NavigatorError(
+            f"navigator.team.team_drift names {len(names)} vehicles: the team has {vehicles}"
+        )
     return _native.team_navigator(
         vehicle, vehicles, {**options, "drifts": drifts}, chart, sound_speed_mps, seed
     )

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from uwcoop.acoustics.sound import SALINITY_PSU, TEMPERATURE_C
+from uwcoop.scenario.authentication import Authentication
 from uwcoop.scenario.base import NonNegative, Positive, Table
 from uwcoop.scenario.losses import IndependentLoss, Loss, NoLoss, named_vehicles
 
@@ -112,6 +113,7 @@ class Acoustics(Table):
     losses: Annotated[tuple[Loss, ...], Field(strict=False)] = ()
     """Further losses: a frame must survive them all."""
     clock: Clock = Clock()
+    authentication: Authentication = Authentication()
 
     @model_validator(mode="after")
     def _sound_has_a_speed(self) -> Acoustics:

@@ -286,7 +286,8 @@ fn add_scaled(x: &mut Lane, a: f64, y: &Lane) {
 fn predict(m: &mut [Lane], p: &mut [Lane], base: usize, step: &Prediction) {
     let dt = step.dt_s;
     let [de, dn] = step.displacement_m;
-    let (te, tn) = if step.speed_mps > 0.05 { (de / step.speed_mps, dn / step.speed_mps) } else { (0.0, 0.0) };
+    let (te, tn) =
+        if step.speed_mps > 0.05 { (de / step.speed_mps, dn / step.speed_mps) } else { (0.0, 0.0) };
     // Rows of F that are not the identity, over [c_e, c_n, heading, thrust].
     let f = [[dt, 0.0, dn, te], [0.0, dt, -de, tn]];
     let drive = [base + 3, base + 4, base + 5, base + 6];
@@ -301,8 +302,7 @@ fn predict(m: &mut [Lane], p: &mut [Lane], base: usize, step: &Prediction) {
         }
         m[axis] = moved;
     }
-    let old: [[Lane; 4]; 2] =
-        std::array::from_fn(|a| std::array::from_fn(|k| p[packed(base + a, drive[k])]));
+    let old: [[Lane; 4]; 2] = std::array::from_fn(|a| std::array::from_fn(|k| p[packed(base + a, drive[k])]));
     for j in (0..m.len()).filter(|j| *j != e && *j != n) {
         let (mut pe, mut pn) = (p[packed(e, j)], p[packed(n, j)]);
         for k in 0..4 {
@@ -498,9 +498,8 @@ fn range(
             let mut a = [[0.0; LANES]; 3];
             for l in 0..LANES {
                 a[0][l] = p[packed(e, e)][l] + p[packed(oe, oe)][l] - 2.0 * p[packed(e, oe)][l];
-                a[1][l] = p[packed(n, e)][l] + p[packed(on, oe)][l]
-                    - p[packed(n, oe)][l]
-                    - p[packed(e, on)][l];
+                a[1][l] =
+                    p[packed(n, e)][l] + p[packed(on, oe)][l] - p[packed(n, oe)][l] - p[packed(e, on)][l];
                 a[2][l] = p[packed(n, n)][l] + p[packed(on, on)][l] - 2.0 * p[packed(n, on)][l];
             }
             ([m[oe], m[on]], a)

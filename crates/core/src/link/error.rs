@@ -111,6 +111,26 @@ pub enum LinkError {
         /// Counter of the first packet launched after it.
         upper: u64,
     },
+    /// No holder of the team's key sealed this packet for this slot.
+    #[error("packet of {bytes} bytes is not authentic for the slot of vehicle {sender} at {tol_ns} ns")]
+    Unauthentic {
+        /// Length of what was received, tag included.
+        bytes: usize,
+        /// Whose slot it is.
+        sender: u16,
+        /// Launch time of the slot.
+        tol_ns: i64,
+    },
+    /// An authentic packet that is not newer than the newest one heard of its sender.
+    #[error("packet of vehicle {sender} launched at {tol_ns} ns is not newer than that of {newest_ns} ns")]
+    Replayed {
+        /// Whose slot it is.
+        sender: u16,
+        /// Launch time of the slot.
+        tol_ns: i64,
+        /// Launch time of the newest one.
+        newest_ns: i64,
+    },
     /// An admission is committed to a window that has moved on since, or is another peer's.
     #[error("packet {counter} launched at {tol_ns} ns no longer fits the receive window")]
     StaleAdmission {

@@ -4,12 +4,14 @@
 //! * [`SlotTable`]: who may launch when, and how much fits (TDMA).
 //! * [`Sequencer`], [`ReceiveWindow`], [`AckBitmap`]: packet counters at the sender and the receiver, and which packets
 //!   of a peer arrived.
+//! * [`Authenticator`], [`ReplayGuard`]: tags that only holders of the team's key can make, each good for one slot.
 //! * [`range_m`], [`slant_to_horizontal`]: from times to distances.
 //!
 //! Everything here is plain state without clock or random numbers and serialises with serde, checked on the way in,
 //! for snapshots.
 
 mod acknowledge;
+mod authenticate;
 mod config;
 mod error;
 mod geometry;
@@ -19,6 +21,7 @@ mod slots;
 mod tests;
 
 pub use acknowledge::AckBitmap;
+pub use authenticate::{Authenticator, ReplayGuard};
 pub use config::LinkConfig;
 pub use error::LinkError;
 pub use geometry::{HorizontalRange, range_m, slant_to_horizontal};

@@ -5,6 +5,7 @@ pub mod dead_reckoning;
 pub mod dmpf;
 pub mod mpf;
 pub mod range;
+pub mod sealed;
 pub mod team;
 pub mod trajectory;
 
@@ -102,6 +103,11 @@ pub trait Navigator: Send {
     /// True for a method that must be told which of its packets arrived; no real link can.
     fn needs_delivery_oracle(&self) -> bool {
         false
+    }
+
+    /// Whether packets end in the checksum of [`packet::seal`](crate::packet::seal), which a tag then replaces.
+    fn has_checksum(&self) -> bool {
+        true
     }
 
     /// What the last fused range told about the own position, nat; NaN for a navigator that does not keep count.

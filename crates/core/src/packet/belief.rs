@@ -162,8 +162,8 @@ impl Belief {
         EAST.write(writer, self.mean_m.x)?;
         NORTH.write(writer, self.mean_m.y)?;
         let codes = CovarianceCodes::covering(&self.covariance_m2)?;
-        writer.push(SIGMA_E.name, u64::from(codes.sigma_e), SIGMA_E.bits)?;
-        writer.push(SIGMA_N.name, u64::from(codes.sigma_n), SIGMA_N.bits)?;
+        SIGMA_E.write_code(writer, codes.sigma_e)?;
+        SIGMA_N.write_code(writer, codes.sigma_n)?;
         CORRELATION.write_code(writer, codes.correlation)
     }
 

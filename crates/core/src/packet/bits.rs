@@ -1,6 +1,6 @@
 //! Bits into bytes and back, most significant bit first.
 
-use super::PacketError;
+use super::{PacketError, layout};
 
 /// Collects bits, most significant first; the last byte is filled up with zeros.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -14,6 +14,7 @@ impl BitWriter {
     /// An empty writer with room for `bytes` bytes, which then grows without allocating up to that size.
     #[must_use]
     pub fn with_capacity(bytes: usize) -> Self {
+        layout::restart();
         Self { bytes: Vec::with_capacity(bytes), free: 0 }
     }
 
@@ -27,6 +28,7 @@ impl BitWriter {
         if value > maximum {
             return Err(PacketError::TooManyBits { field, value, bits, maximum });
         }
+        layout::note(field, bits);
         let mut left = bits;
         while left > 0 {
             if self.free == 0 {

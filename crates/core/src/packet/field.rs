@@ -4,6 +4,7 @@
 //! check), `decode` (code to value), and `write`/`read` that move the code through a [`BitWriter`] or [`BitReader`].
 
 use super::bits::mask;
+use super::layout::{Scale, Step, explain};
 use super::{BitReader, BitWriter, PacketError};
 use std::f64::consts::TAU;
 
@@ -130,7 +131,16 @@ impl FixedField {
     /// As [`FixedField::encode`].
     pub fn write(&self, writer: &mut BitWriter, value: f64) -> Result<(), PacketError> {
         let steps = self.encode(value)?;
-        writer.push(self.name, steps as u64 & mask(self.name, self.bits)?, self.bits)
+        let (minimum, maximum) = self.bounds()?;
+        writer.push(self.name, steps as u64 & mask(self.name, self.bits)?, self.bits)?;
+        explain(|| Scale {
+            unit: self.unit,
+            minimum: self.decode(minimum),
+            maximum: self.decode(maximum),
+            step: Step::Linear(self.steps_per_unit.recip()),
+            rounding: self.rounding,
+        });
+        Ok(())
     }
 
     /// Reads a value.
@@ -225,7 +235,15 @@ impl AngleField {
         finite(self.name, angle_rad)?;
         // 0 to 2^bits steps; the last one is a whole turn, which the mask takes to zero.
         let steps = (angle_rad.rem_euclid(TAU) / self.step_rad()).round();
-        writer.push(self.name, steps as u64 & mask(self.name, self.bits)?, self.bits)
+        writer.push(self.name, steps as u64 & mask(self.name, self.bits)?, self.bits)?;
+        explain(|| Scale {
+            unit: "rad",
+            minimum: -TAU / 2.0,
+            maximum: TAU / 2.0 - self.step_rad(),
+            step: Step::Linear(self.step_rad()),
+            rounding: Rounding::Nearest,
+        });
+        Ok(())
     }
 
     /// Reads an angle, −π to just below π.

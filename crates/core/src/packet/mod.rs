@@ -24,9 +24,10 @@
 //!
 //! # Where an authentication tag goes
 //!
-//! A checksum finds accidents, not forgers. A tag will stand between payload and CRC, computed with the team's key
-//! over the payload followed by [`implied_bytes`], and the CRC will cover it too: noise is then told from forgery, and
-//! a body's layout does not change. [`SEAL_BYTES`] is the overhead a layout has to leave room for today.
+//! A checksum finds accidents, not forgers. A tag, computed with the team's key over the payload and
+//! [`implied_bytes`], finds both, so it takes the checksum's place on the channel:
+//! [`Sealed`](crate::navigator::sealed::Sealed) puts a [`link::Authenticator`](crate::link::Authenticator) around any
+//! navigator, no layout knows of it, and a tag of n bytes costs n − [`SEAL_BYTES`].
 
 mod belief;
 mod bits;
@@ -34,6 +35,7 @@ mod cloud;
 mod error;
 mod field;
 mod header;
+pub mod layout;
 mod mixture;
 mod team;
 #[cfg(test)]
@@ -47,7 +49,10 @@ pub use error::PacketError;
 pub use field::{AngleField, FixedField, FloatField, ModuloField, Rounding, UnsignedField};
 pub use header::{Header, HeardBitmap, PacketKind, TEAM_MAX};
 pub use mixture::{MODES_MAX, MixturePacket};
-pub use team::{FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, SPACINGS_S, TeamLayout, TeamReport};
+pub use team::{
+    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, SPACINGS_S, TeamLayout,
+    TeamReport,
+};
 pub use uncertainty::{CorrelationField, SigmaField};
 
 use crc::{CRC_16_IBM_3740, Crc};
@@ -77,6 +82,7 @@ fn checksum(payload: &[u8], sender: u16, tol_ns: i64) -> u16 {
 #[must_use]
 pub fn seal(mut payload: Vec<u8>, sender: u16, tol_ns: i64) -> Vec<u8> {
     let crc = checksum(&payload, sender, tol_ns);
+    layout::note_end_of_payload(payload.len());
     payload.extend_from_slice(&crc.to_be_bytes());
     payload
 }

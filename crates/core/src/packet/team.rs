@@ -267,12 +267,7 @@ fn signed(name: &'static str, reader: &mut BitReader, bits: u32) -> Result<i64, 
     Ok(super::field::sign_extend(reader.take(name, bits)?, bits))
 }
 
-fn push_signed(
-    name: &'static str,
-    writer: &mut BitWriter,
-    value: i64,
-    bits: u32,
-) -> Result<(), PacketError> {
+fn push_signed(name: &'static str, writer: &mut BitWriter, value: i64, bits: u32) -> Result<(), PacketError> {
     writer.push(name, value as u64 & super::bits::mask(name, bits)?, bits)
 }
 
@@ -483,9 +478,7 @@ impl TeamReport {
                 self.read_f64(&mut reader, layout, sender)?;
                 reader.finish()
             }
-            other => {
-                Err(PacketError::InvalidCode { field: "packet kind", code: u64::from(other.code()) })
-            }
+            other => Err(PacketError::InvalidCode { field: "packet kind", code: u64::from(other.code()) }),
         }
     }
 

@@ -2,7 +2,8 @@
 
 use super::bits::mask;
 use super::field::{finite, sign_extend, width};
-use super::{BitReader, BitWriter, PacketError};
+use super::layout::{Scale, Step, explain};
+use super::{BitReader, BitWriter, PacketError, Rounding};
 
 /// Largest |log₂ σ| that a [`SigmaField`] may reach: variances stay well inside the range of `f64`.
 const LOG2_MAX: f64 = 400.0;
@@ -87,7 +88,22 @@ impl SigmaField {
     /// # Errors
     /// As [`SigmaField::encode`].
     pub fn write(&self, writer: &mut BitWriter, sigma: f64) -> Result<(), PacketError> {
-        writer.push(self.name, u64::from(self.encode(sigma)?), self.bits)
+        let code = self.encode(sigma)?;
+        self.write_code(writer, code)
+    }
+
+    /// Writes a code that [`SigmaField::encode`] gave.
+    pub(super) fn write_code(&self, writer: &mut BitWriter, code: u32) -> Result<(), PacketError> {
+        let last = self.check()?;
+        writer.push(self.name, u64::from(code), self.bits)?;
+        explain(|| Scale {
+            unit: self.unit,
+            minimum: self.decode(0),
+            maximum: self.decode(last),
+            step: Step::Factor(f64::from(self.steps_per_octave).recip().exp2()),
+            rounding: Rounding::Up,
+        });
+        Ok(())
     }
 
     /// Reads a sigma.
@@ -178,7 +194,16 @@ impl CorrelationField {
 
     /// Writes a code that [`CorrelationField::encode`] gave.
     pub(super) fn write_code(&self, writer: &mut BitWriter, code: i32) -> Result<(), PacketError> {
-        writer.push(self.name, i64::from(code) as u64 & mask(self.name, self.bits)?, self.bits)
+        let last = self.check()?;
+        writer.push(self.name, i64::from(code) as u64 & mask(self.name, self.bits)?, self.bits)?;
+        explain(|| Scale {
+            unit: "",
+            minimum: self.decode(-last),
+            maximum: self.decode(last),
+            step: Step::Atanh(self.steps_per_unit.recip()),
+            rounding: Rounding::TowardZero,
+        });
+        Ok(())
     }
 
     /// Reads a correlation.

@@ -116,8 +116,7 @@ impl Book {
         let half = 0.5 * (ee - nn);
         let variance = (0.5 * (ee + nn) + half.hypot(en)).max(0.01);
         let Some(start) = &self.start else {
-            self.start =
-                Some(Start { t_ns, position_m, sigma_m: variance.sqrt(), displacement_m: at });
+            self.start = Some(Start { t_ns, position_m, sigma_m: variance.sqrt(), displacement_m: at });
             return;
         };
         let fixes = &mut self.fixes;
@@ -217,15 +216,18 @@ impl Book {
             return;
         }
         let wanted_s = least_s.max((window_s - newest_s) / room as f64);
-        let spacing_s =
-            SPACINGS_S.into_iter().find(|s| *s >= wanted_s - 1e-9).unwrap_or(SPACINGS_S[SPACINGS_S.len() - 1]);
+        let spacing_s = SPACINGS_S
+            .into_iter()
+            .find(|s| *s >= wanted_s - 1e-9)
+            .unwrap_or(SPACINGS_S[SPACINGS_S.len() - 1]);
         for (t_ns, water_depth_m) in self.soundings.iter().rev().filter(|s| fresh(s.0)) {
             let age_s = seconds(tol_ns - t_ns);
             let place = ((age_s - newest_s) / spacing_s).round();
             let off_s = (age_s - newest_s - place * spacing_s).abs();
-            let taken = report.soundings.last().is_some_and(|s: &ReportedSounding| {
-                ((s.age_s - newest_s) / spacing_s).round() >= place
-            });
+            let taken = report
+                .soundings
+                .last()
+                .is_some_and(|s: &ReportedSounding| ((s.age_s - newest_s) / spacing_s).round() >= place);
             if off_s <= OFF_GRID_S && !taken && place < room as f64 {
                 report.soundings.push(ReportedSounding { age_s, water_depth_m: *water_depth_m });
             }

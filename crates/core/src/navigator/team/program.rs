@@ -129,7 +129,8 @@ impl Program {
             match what {
                 What::Sounding(depth) if depth.is_nan() => {}
                 What::Sounding(water_depth_m) => {
-                    let shared = since_m.map_or(1.0, |m| (2.0 * reading.correlation_m / m.max(1e-9)).clamp(1.0, 1e6));
+                    let shared =
+                        since_m.map_or(1.0, |m| (2.0 * reading.correlation_m / m.max(1e-9)).clamp(1.0, 1e6));
                     self.ops.push(Op::Sounding {
                         water_depth_m,
                         noise_m2: reading.sounding_m2.unwrap_or(1.0) + report.depth_rounding_m2,

@@ -42,13 +42,7 @@ fn unwrap_near(value: f64, modulus: f64, reference: f64) -> f64 {
 }
 
 impl<const K: usize> Team<K> {
-    pub(super) fn reception(
-        &mut self,
-        sender: VehicleId,
-        tol_ns: i64,
-        toa_ns: i64,
-        bytes: &[u8],
-    ) -> Outcome {
+    pub(super) fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         if !self.options.use_ranges {
             return Outcome::Noted;
         }
@@ -351,7 +345,8 @@ fn targets<'a>(
             let launch = state.launch.as_ref().filter(|l| l.sequence & 3 == range.sequence)?;
             return Some((launch.tol_ns, range.range_m, Target::Own));
         }
-        let mate = state.mates.get(usize::from(range.vehicle))?.filter(|m| m.sequence & 3 == range.sequence)?;
+        let mate =
+            state.mates.get(usize::from(range.vehicle))?.filter(|m| m.sequence & 3 == range.sequence)?;
         let base = state.groups.get(index)?.base_of(range.vehicle)?;
         Some((mate.tol_ns, range.range_m, Target::Block(base)))
     })

@@ -1,0 +1,257 @@
+//! The recursion of the bound: one joint covariance, one scalar measurement after another.
+
+use nalgebra::DMatrix;
+
+use super::{BoundModel, Observation, TrueTracks};
+use crate::chart::Chart;
+use crate::kernels::particles::displacement_map;
+use crate::navigator::common::seconds;
+
+/// Position and datum offset come before the linear states.
+const BEFORE_LINEAR: usize = 3;
+/// The offset's place.
+const OFFSET: usize = 2;
+/// No fix is better than a decimetre per axis, m²; as the navigators take it.
+const FIX_FLOOR_M2: f64 = 0.01;
+/// A vehicle that hardly moves hears the same chart error again and again.
+const MOST_SHARED: f64 = 1e6;
+
+/// The joint covariance of the team, and what the next measurement's Jacobian depends on.
+pub(super) struct Recursion<'a, const K: usize> {
+    model: &'a BoundModel,
+    chart: Option<&'a Chart>,
+    truth: &'a TrueTracks,
+    covariance: DMatrix<f64>,
+    now_ns: Option<i64>,
+    velocity_mps: Vec<[f64; 2]>,
+    started: Vec<bool>,
+    sounded_at_m: Vec<Option<f64>>,
+}
+
+/// One scalar measurement: (state, ∂measurement/∂state) where that is not zero.
+type Jacobian = Vec<(usize, f64)>;
+
+impl<'a, const K: usize> Recursion<'a, K> {
+    /// States per vehicle.
+    const STATES: usize = BEFORE_LINEAR + K;
+
+    pub(super) fn new(model: &'a BoundModel, chart: Option<&'a Chart>, truth: &'a TrueTracks) -> Self {
+        let vehicles = truth.vehicles();
+        Self {
+            model,
+            chart,
+            truth,
+            covariance: DMatrix::zeros(vehicles * Self::STATES, vehicles * Self::STATES),
+            now_ns: None,
+            velocity_mps: vec![[0.0; 2]; vehicles],
+            started: vec![false; vehicles],
+            sounded_at_m: vec![None; vehicles],
+        }
+    }
+
+    /// P ← F P Fᵀ + Q up to `t_ns`.
+    pub(super) fn advance(&mut self, t_ns: i64) {
+        let dt_s = self.now_ns.map_or(0.0, |now| seconds(t_ns.saturating_sub(now)));
+        self.now_ns = Some(t_ns);
+        if dt_s <= 0.0 {
+            return;
+        }
+        let walk = self.model.drift.walk::<K>(dt_s);
+        let position_walk = self.model.drift.position_walk(dt_s);
+        for vehicle in 0..self.started.len() {
+            if !self.started[vehicle] {
+                continue;
+            }
+            let (first, linear) = (vehicle * Self::STATES, vehicle * Self::STATES + BEFORE_LINEAR);
+            let map = displacement_map::<K>(self.velocity_mps[vehicle], dt_s);
+            for mut column in self.covariance.column_iter_mut() {
+                for (axis, row) in map.iter().enumerate() {
+                    let moved: f64 = row.iter().enumerate().map(|(k, f)| f * column[linear + k]).sum();
+                    column[first + axis] += moved;
+                }
+            }
+            for (axis, row) in map.iter().enumerate() {
+                for (k, f) in row.iter().enumerate() {
+                    let source = self.covariance.column(linear + k) * *f;
+                    let mut target = self.covariance.column_mut(first + axis);
+                    target += source;
+                }
+            }
+            self.covariance[(first, first)] += position_walk[0];
+            self.covariance[(first + 1, first + 1)] += position_walk[2];
+            for k in 0..K {
+                self.covariance[(linear + k, linear + k)] += walk[(k, k)];
+            }
+        }
+    }
+
+    pub(super) fn update(&mut self, t_ns: i64, observation: &Observation) {
+        match *observation {
+            Observation::Motion { vehicle, velocity_mps } => {
+                self.velocity_mps[usize::from(vehicle)] = velocity_mps;
+            }
+            Observation::Fix { vehicle, covariance_m2 } => self.fix(usize::from(vehicle), covariance_m2),
+            Observation::Sounding { vehicle, sigma_m } if self.model.terrain => {
+                self.sounding(usize::from(vehicle), t_ns, sigma_m);
+            }
+            Observation::Range { sender, tol_ns, receiver } if self.model.ranges => {
+                self.range(usize::from(sender), tol_ns, usize::from(receiver), t_ns);
+            }
+            Observation::Sounding { .. } | Observation::Range { .. } => {}
+        }
+    }
+
+    fn fix(&mut self, vehicle: usize, [ee, en, nn]: [f64; 3]) {
+        let first = vehicle * Self::STATES;
+        if !self.started[vehicle] {
+            // The prior is diagonal but for the fix; nothing is shared with teammates yet.
+            self.started[vehicle] = true;
+            self.covariance[(first, first)] = ee;
+            self.covariance[(first, first + 1)] = en;
+            self.covariance[(first + 1, first)] = en;
+            self.covariance[(first + 1, first + 1)] = nn;
+            self.covariance[(first + OFFSET, first + OFFSET)] = self.model.sigma_offset0_m.powi(2);
+            let prior = self.model.drift.prior::<K>();
+            for k in 0..K {
+                let at = first + BEFORE_LINEAR + k;
+                self.covariance[(at, at)] = prior[(k, k)];
+            }
+            return;
+        }
+        // Two measurements whose errors are independent: the easting, and the northing less what follows from it.
+        let (ee, nn) = (ee.max(FIX_FLOOR_M2), nn.max(FIX_FLOOR_M2));
+        let slope = en / ee;
+        self.measure(&vec![(first, 1.0)], ee);
+        let rest = (nn - slope * en).max(1e-9 * nn);
+        self.measure(&vec![(first, -slope), (first + 1, 1.0)], rest);
+    }
+
+    fn sounding(&mut self, vehicle: usize, t_ns: i64, sensor_sigma_m: f64) {
+        let (true, Some(chart)) = (self.started[vehicle], self.chart) else { return };
+        let travelled_m = self.truth.travelled(vehicle, t_ns);
+        let apart_m = self.sounded_at_m[vehicle].map(|at| travelled_m - at);
+        if apart_m.is_some_and(|d| d < self.model.sounding_spacing_m) {
+            return;
+        }
+        let [east, north] = self.truth.position(vehicle, t_ns);
+        let slope = if self.model.linearised {
+            spread_slope(chart, [east, north], self.position_covariance(vehicle))
+        } else {
+            chart.gradient_at(east, north).map(|gradient| (gradient, 0.0))
+        };
+        let Some((gradient, beside_plane_m2)) = slope else { return };
+        self.sounded_at_m[vehicle] = Some(travelled_m);
+        let correlation_m = self.model.correlation_length_m.unwrap_or(chart.correlation_length_m());
+        let shared = apart_m.map_or(1.0, |d| (2.0 * correlation_m / d.max(1e-9)).clamp(1.0, MOST_SHARED));
+        let sigma_m = self.model.sigma_depth_m.unwrap_or(sensor_sigma_m).max(1e-3);
+        let sigma_map_m = self.model.sigma_map_m.unwrap_or_else(|| chart.sigma_map_at(east, north));
+        let noise_m2 = shared * (sigma_m.powi(2) + sigma_map_m.powi(2)) + beside_plane_m2;
+        let first = vehicle * Self::STATES;
+        self.covariance[(first + OFFSET, first + OFFSET)] += self.model.sigma_offset_m_per_sounding.powi(2);
+        self.measure(&vec![(first, gradient[0]), (first + 1, gradient[1]), (first + OFFSET, 1.0)], noise_m2);
+    }
+
+    /// A range between the sender at launch and the receiver at arrival. The sender's own way in between is known but for
+    /// its drift, through which the measurement sees the linear states.
+    fn range(&mut self, sender: usize, tol_ns: i64, receiver: usize, toa_ns: i64) {
+        if !(self.started[sender] && self.started[receiver]) || sender == receiver {
+            return;
+        }
+        let (from, to) = (self.truth.position(sender, tol_ns), self.truth.position(receiver, toa_ns));
+        let (east, north) = (to[0] - from[0], to[1] - from[1]);
+        let distance = east.hypot(north);
+        if distance <= 0.0 {
+            return;
+        }
+        let unit = [east / distance, north / distance];
+        let (s, r) = (sender * Self::STATES, receiver * Self::STATES);
+        let travel_s = seconds(toa_ns.saturating_sub(tol_ns)).max(0.0);
+        let map = displacement_map::<K>(self.velocity_mps[sender], travel_s);
+        let mut jacobian: Jacobian = vec![(r, unit[0]), (r + 1, unit[1]), (s, -unit[0]), (s + 1, -unit[1])];
+        for (k, (east, north)) in map[0].iter().zip(&map[1]).enumerate() {
+            jacobian.push((s + BEFORE_LINEAR + k, unit[0] * east + unit[1] * north));
+        }
+        let mut noise_m2 = self.model.sigma_range_m.powi(2);
+        if self.model.linearised {
+            noise_m2 += self.curvature_m(s, r, unit, distance).powi(2) / 2.0;
+        }
+        self.measure(&jacobian, noise_m2);
+    }
+
+    /// κ of a range: the variance across it, over its length.
+    fn curvature_m(&self, s: usize, r: usize, [ue, un]: [f64; 2], distance: f64) -> f64 {
+        let across = [-un, ue];
+        let p = &self.covariance;
+        let mut variance = 0.0;
+        for a in 0..2 {
+            for b in 0..2 {
+                let relative = p[(r + a, r + b)] + p[(s + a, s + b)] - p[(r + a, s + b)] - p[(s + a, r + b)];
+                variance += across[a] * across[b] * relative;
+            }
+        }
+        let variance = variance.max(0.0);
+        variance / distance.max(variance.sqrt())
+    }
+
+    /// P ← P − P Hᵀ H P / (H P Hᵀ + R).
+    fn measure(&mut self, jacobian: &Jacobian, noise_m2: f64) {
+        let size = self.covariance.nrows();
+        let mut gain = vec![0.0; size];
+        for &(state, h) in jacobian {
+            for (g, p) in gain.iter_mut().zip(self.covariance.column(state).iter()) {
+                *g += h * p;
+            }
+        }
+        let variance: f64 = jacobian.iter().map(|&(state, h)| h * gain[state]).sum::<f64>() + noise_m2;
+        if variance <= 0.0 {
+            return;
+        }
+        for (column, g) in gain.iter().enumerate() {
+            let scale = g / variance;
+            for (p, g) in self.covariance.column_mut(column).iter_mut().zip(&gain) {
+                *p -= scale * g;
+            }
+        }
+    }
+
+    /// [ee, en, nn] of one vehicle; NaN before it started.
+    pub(super) fn position_covariance(&self, vehicle: usize) -> [f64; 3] {
+        if !self.started[vehicle] {
+            return [f64::NAN; 3];
+        }
+        let at = vehicle * Self::STATES;
+        let p = &self.covariance;
+        [p[(at, at)], p[(at, at + 1)], p[(at + 1, at + 1)]]
+    }
+}
+
+/// The plane that five points over a spread of positions show, and the variance that they show beside it, m².
+///
+/// An outer point without a depth is taken to continue its opposite through the centre; none at the centre: no sounding.
+fn spread_slope(chart: &Chart, [east, north]: [f64; 2], [ee, en, nn]: [f64; 3]) -> Option<([f64; 2], f64)> {
+    let centre = chart.depth_at(east, north)?;
+    // Cholesky's factor, with a millimetre for a position that is known exactly.
+    let l11 = ee.max(1e-6).sqrt();
+    let l21 = en / l11;
+    let l22 = (nn - l21 * l21).max(1e-6).sqrt();
+    let root3 = 3.0f64.sqrt();
+    let pair = |de: f64, dn: f64| {
+        let (ahead, behind) = (chart.depth_at(east + de, north + dn), chart.depth_at(east - de, north - dn));
+        match (ahead, behind) {
+            (Some(a), Some(b)) => (a, b),
+            (Some(a), None) => (a, 2.0 * centre - a),
+            (None, Some(b)) => (2.0 * centre - b, b),
+            (None, None) => (centre, centre),
+        }
+    };
+    let (h1, h2) = pair(root3 * l11, root3 * l21);
+    let (h3, h4) = pair(0.0, root3 * l22);
+    let mean = centre / 3.0 + (h1 + h2 + h3 + h4) / 6.0;
+    let (d1, d2) = ((h1 - h2) / (2.0 * root3), (h3 - h4) / (2.0 * root3));
+    let gradient_n = d2 / l22;
+    let gradient_e = (d1 - gradient_n * l21) / l11;
+    let square = |h: f64| (h - mean) * (h - mean);
+    let beside =
+        square(centre) / 3.0 + (square(h1) + square(h2) + square(h3) + square(h4)) / 6.0 - d1 * d1 - d2 * d2;
+    Some(([gradient_e, gradient_n], beside.max(0.0)))
+}

@@ -1,0 +1,41 @@
+//! A team whose packets carry tags.
+
+use super::{Replay, Team};
+use crate::error::Error;
+use crate::event::VehicleId;
+use crate::link::Authenticator;
+use crate::navigator::Navigator;
+use crate::navigator::sealed::Sealed;
+
+impl Team {
+    /// The same team with every vehicle's packets sealed and checked. A centralised estimator sends none.
+    #[must_use]
+    pub fn sealed(self, authenticator: &Authenticator) -> Self {
+        let Self::Each(navigators) = self else { return self };
+        let vehicles = navigators.len();
+        let seal = |(own, navigator): (usize, Box<dyn Navigator>)| -> Box<dyn Navigator> {
+            Box::new(Sealed::new(navigator, own as VehicleId, vehicles, authenticator.clone()))
+        };
+        Self::Each(navigators.into_iter().enumerate().map(seal).collect())
+    }
+}
+
+impl Replay {
+    /// Seals the team's packets from here on; before anything has happened.
+    ///
+    /// # Errors
+    /// [`Error::OutOfBound`] once the replay has begun.
+    pub fn authenticate(&mut self, authenticator: &Authenticator) -> Result<(), Error> {
+        let happened = self.cursor.event + self.cursor.slot + self.cursor.sample;
+        if happened > 0 {
+            return Err(Error::OutOfBound {
+                quantity: "events replayed before authentication",
+                value: happened as f64,
+                bound: "0",
+            });
+        }
+        let team = std::mem::replace(&mut self.team, Team::Each(Vec::new()));
+        self.team = team.sealed(authenticator);
+        Ok(())
+    }
+}
