@@ -69,7 +69,9 @@ def test_a_longer_packet_needs_its_frames_and_gets_lost_with_any_of_them() -> No
     assert set(tagged.packets["frames"].tolist()) == {3}
     assert set(tagged.packets["bytes"].tolist()) == {17}
     assert tagged.packets["received"].sum() < flown(*slow).packets["received"].sum()
-    with pytest.raises(ScenarioError, match=r"mpf's packet of 17 bytes: slot of 1.60 s is shorter than 3 frames"):
+    with pytest.raises(
+        ScenarioError, match=r"mpf's packet of 17 bytes: slot of 1.60 s is shorter than 3 frames"
+    ):
         flown(f"{TAGS}=4", *slow, "acoustics.slot_s=1.6")
 
 

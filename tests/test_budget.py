@@ -60,7 +60,9 @@ def test_a_tag_that_does_not_fit_the_frame_is_refused_with_the_arithmetic() -> N
     plain = planned(*slow, navigators=["mpf"]).costs["mpf"]
     assert plain is not None
     assert (plain.packet_bytes, plain.frames) == (15, 2)
-    with pytest.raises(ScheduleError, match=r"mpf's packet of 17 bytes: slot of 1.60 s is shorter than 3 frames"):
+    with pytest.raises(
+        ScheduleError, match=r"mpf's packet of 17 bytes: slot of 1.60 s is shorter than 3 frames"
+    ):
         planned(*slow, f"{TAGS}=4", navigators=["mpf"])
 
 
@@ -76,7 +78,9 @@ def test_cycles_of_other_teams_and_slots() -> None:
     assert [plan.frames for plan in found.slots] == [1, 2, 3]
     for plan in found.slots:
         assert plan.slot_s == pytest.approx(0.3 + plan.frames * 64 * 8 / 250 + 950 / 1500)
-        scheduled = simulate(load("flat-bay", [f"acoustics.slot_s={plan.slot_s + 1e-5:.6f}", "duration_s=90"]), 0)
+        scheduled = simulate(
+            load("flat-bay", [f"acoustics.slot_s={plan.slot_s + 1e-5:.6f}", "duration_s=90"]), 0
+        )
         assert (scheduled.slots["capacity_bytes"] == plan.capacity_bytes).all()
         shorter = load("flat-bay", [f"acoustics.slot_s={plan.slot_s - 0.01:.6f}", "duration_s=90"])
         if plan.frames == 1:

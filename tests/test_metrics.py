@@ -332,6 +332,10 @@ def rendered(table: Any, width: int = 80) -> str:
     return console.export_text()
 
 
+def three_digits(value: float) -> str:
+    return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}"
+
+
 def test_run_table_fits_eighty_columns_and_marks_inconsistency() -> None:
     m = mission(duration_s=150)
     m.tracks["covariance_m2"][1] /= 9
@@ -352,12 +356,33 @@ def test_run_table_fits_eighty_columns_and_marks_inconsistency() -> None:
         assert piece in text
     for navigator in summary["navigators"].values():
         for values in navigator["vehicles"].values():
-            assert f"{values['rmse_m']:.2f}" in text
+            assert three_digits(values["rmse_m"]) in text
     assert text.count("▲") >= 4 + 1  # three of dmpf, one collapsed, and the caption
     assert "state" not in text  # nobody has a heading
     narrow = rendered(report.summary_table(summary, settle_s=50), width=68).splitlines()
     for name, values in summary["navigators"]["dmpf"]["vehicles"].items():
-        assert any(name in line and f"{values['final_error_m']:.2f}" in line for line in narrow)
+        assert any(name in line and three_digits(values["final_error_m"]) in line for line in narrow)
+
+
+def test_tables_with_bounds_fit_eighty_columns() -> None:
+    m = mission(duration_s=150)
+    for name in ("bound_m", "linearised_bound_m"):
+        m.tracks[name] = (("vehicle", "time"), np.full(m.tracks["received"].shape, 0.37))
+    summary = metrics.summarise(m.tracks, seconds=m.seconds, packets=m.packets)
+    text = rendered(report.summary_table(summary, settle_s=50))
+    worst = row(
+        navigator="mpf-terrain-only", rmse_m=1234.5, final_error_m=1040.0, anees=123.0, rmse_over_bound=23.4,
+        rmse_over_linearised_bound=12.3, packet_bytes_max=32,
+    )  # fmt: skip
+    study = {"scenario": "bay", "runs": 50, "variants": [{"set": {}, "navigators": metrics.pool([worst])}]}
+    for table in (text, rendered(report.study_table(study, settle_s=20, vehicles=3))):
+        assert "…" not in table
+        assert "bound" in table
+        assert "/ lin." in table
+    # Both ends of the line are there: the whole name, and the run time.
+    assert any(
+        line.split()[:1] + line.split()[-1:] == ["mpf-terrain-only", "1.00"] for line in table.splitlines()
+    )
 
 
 def test_study_table_states_variants_and_the_interval() -> None:

@@ -254,16 +254,19 @@ def _packet(
 
 
 def _under_way(navigator: _native.Navigator, cycle_s: float) -> int:
-    """A cycle of ordinary events, so that the packet holds what it holds on a mission; the slot's launch time."""
+    """Two cycles of ordinary events and the first one's packet, so that the second one's holds what it holds on a
+    mission; its launch time."""
     start = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 1.0, "cov_en_m2": 0.0, "cov_nn_m2": 1.0}
     navigator.handle(_native.Event(0, 0, "fix", **start))
     seconds = min(max(1, round(cycle_s)), 600)
-    for second in range(seconds + 1):
+    for second in range(2 * seconds + 1):
         at = 1_000_000_000 * second
         navigator.handle(_native.Event(at, 0, "depth", depth_m=2.0, sigma_m=0.1))
         navigator.handle(_native.Event(at, 0, "water_depth", water_depth_m=20.0, sigma_m=0.1))
         navigator.handle(_native.Event(at, 0, "motion", velocity_e_mps=1.0, velocity_n_mps=0.5))
-    return 1_000_000_000 * seconds
+        if second == seconds:
+            navigator.transmit(at, acoustics.NO_LIMIT_BYTES)
+    return 1_000_000_000 * 2 * seconds
 
 
 def _meaning(scale: tuple[str, float, float, str, float, str] | None) -> str:

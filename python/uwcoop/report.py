@@ -104,39 +104,42 @@ _ALWAYS = {"rmse_m", "final_error_m", "anees", "median_final_error_m", "lost_sha
 
 _Columns = tuple[tuple[str, str, str], ...]
 
+_THREE_DIGITS = "three digits"
+"""A form of three significant digits, none dropped before the point: the tables have many columns."""
+
 _RUN_COLUMNS: _Columns = (
-    ("rmse_m", "RMSE\n(m)", "{:.2f}"),
-    ("median_error_m", "median\n(m)", "{:.2f}"),
-    ("p95_error_m", "95 %\n(m)", "{:.2f}"),
-    ("final_error_m", "final\n(m)", "{:.2f}"),
-    ("anees", "ANEES\n(2)", "{:.2f}"),
-    ("state_anees_per_dof", "state\nANEES\n/dof (1)", "{:.2f}"),
-    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", "{:.2f}"),
-    ("rmse_over_bound", "RMSE\n/\nbound", "{:.2f}"),
-    ("rmse_over_linearised_bound", "/ lin.\nbound", "{:.2f}"),
+    ("rmse_m", "RMSE\n(m)", _THREE_DIGITS),
+    ("median_error_m", "median\n(m)", _THREE_DIGITS),
+    ("p95_error_m", "95 %\n(m)", _THREE_DIGITS),
+    ("final_error_m", "final\n(m)", _THREE_DIGITS),
+    ("anees", "ANEES\n(2)", _THREE_DIGITS),
+    ("state_anees_per_dof", "state\nANEES\n/dof (1)", _THREE_DIGITS),
+    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", _THREE_DIGITS),
+    ("rmse_over_bound", "RMSE\n/\nbound", _THREE_DIGITS),
+    ("rmse_over_linearised_bound", "/ lin.\nbound", _THREE_DIGITS),
     ("rejected", "re-\njected", "{:.0f}"),
 )
 
 _STUDY_COLUMNS: _Columns = (
-    ("median_final_error_m", "final\nmedian\n(m)", "{:.2f}"),
-    ("p95_final_error_m", "final\n95 %\n(m)", "{:.2f}"),
-    ("median_rmse_m", "RMSE\nmedian\n(m)", "{:.2f}"),
-    ("anees", "ANEES\nmean\n(2)", "{:.2f}"),
-    ("anees_median", "ANEES\nmedian\n(2)", "{:.2f}"),
-    ("state_anees_per_dof", "state\nANEES\n/dof (1)", "{:.2f}"),
+    ("median_final_error_m", "final\nmedian\n(m)", _THREE_DIGITS),
+    ("p95_final_error_m", "final\n95 %\n(m)", _THREE_DIGITS),
+    ("median_rmse_m", "RMSE\nmedian\n(m)", _THREE_DIGITS),
+    ("anees", "ANEES\nmean\n(2)", _THREE_DIGITS),
+    ("anees_median", "ANEES\nmedian\n(2)", _THREE_DIGITS),
+    ("state_anees_per_dof", "state\nANEES\n/dof (1)", _THREE_DIGITS),
     ("lost_share", "lost\n\n(%)", "{:.0%}"),
-    ("rmse_over_bound", "RMSE\n/\nbound", "{:.2f}"),
-    ("rmse_over_linearised_bound", "/ lin.\nbound", "{:.2f}"),
-    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", "{:.2f}"),
-    ("packet_bytes_max", "packet\nmax\n(B)", "{:.0f}"),
-    ("seconds", "run\ntime\n(s)", "{:.2f}"),
+    ("rmse_over_bound", "RMSE\n/\nbound", _THREE_DIGITS),
+    ("rmse_over_linearised_bound", "/ lin.\nbound", _THREE_DIGITS),
+    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", _THREE_DIGITS),
+    ("packet_bytes_max", "sent\nmax\n(B)", "{:.0f}"),
+    ("seconds", "run\ntime\n(s)", _THREE_DIGITS),
 )
 
 
 def _table(title: str, caption: str | None) -> Table:
     return Table(
         title=title, caption=caption, caption_justify="left", header_style="bold", box=SIMPLE_HEAD,
-        padding=(0, 1, 0, 0), pad_edge=False,
+        padding=0, pad_edge=False,
     )  # fmt: skip
 
 
@@ -192,4 +195,6 @@ def _number(value: float | None, form: str) -> str:
         return "–"
     if abs(value) >= 1e5:
         return f"{value:.0e}"
-    return form.format(value).rstrip("%") if abs(value) < 1000 or form != "{:.2f}" else f"{value:.0f}"
+    if form == _THREE_DIGITS:
+        return f"{value:.{0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2}f}"
+    return form.format(value).rstrip("%")
