@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 mod chart;
 mod errors;
 mod event;
+mod information;
 mod kernels;
 mod mission;
 mod navigators;
@@ -23,5 +24,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<replay::Replay>()?;
     module.add_class::<team_estimator::TeamEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
+    information::register(module)?;
     kernels::register(module)
 }
