@@ -262,13 +262,24 @@ pub struct LocalFilter {
     options: LocalOptions,
     /// What must be remembered to read the sensors.
     pub sensors: Sensors,
-    /// Time that it has advanced to, ns.
+    /// Time of the last event, ns.
     pub now_ns: Option<i64>,
-    /// The own node; none before the first fix.
-    pub node: Option<Gaussian<NODE>>,
+    /// The own node at its time; none before the first fix.
+    node: Option<(i64, Gaussian<NODE>)>,
     /// Measurements gated.
     pub rejected: u64,
     gate: FixGate,
+}
+
+/// A measurement that a filter fused, and the prediction that led to it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fused {
+    /// From the node's time to the measurement's; `None`: it started the filter.
+    pub dt_s: Option<f64>,
+    /// Spectral density of the acceleration in between.
+    pub q_m2_per_s3: f64,
+    /// The measurement.
+    pub linear: Linear,
 }
 
 impl LocalFilter {
@@ -288,50 +299,69 @@ impl LocalFilter {
         &self.options
     }
 
-    /// Moves to `t_ns`, never back.
-    pub fn advance(&mut self, t_ns: i64) {
-        let now_ns = self.now_ns.unwrap_or(t_ns);
-        if t_ns > now_ns {
-            let q = self.sensors.process_noise_m2_per_s3(&self.options);
-            self.node = self.node.map(|node| predicted(&node, seconds(t_ns.saturating_sub(now_ns)), q));
+    /// Whether a fix has given it a position.
+    #[must_use]
+    pub fn started(&self) -> bool {
+        self.node.is_some()
+    }
+
+    /// Moves the node to `t_ns`, never back; gives the step, s.
+    pub fn advance(&mut self, t_ns: i64) -> f64 {
+        self.now_ns = Some(self.now_ns.map_or(t_ns, |now| now.max(t_ns)));
+        let q = self.sensors.process_noise_m2_per_s3(&self.options);
+        let Some((node_ns, node)) = &mut self.node else { return 0.0 };
+        let dt_s = seconds(t_ns.saturating_sub(*node_ns)).max(0.0);
+        if dt_s > 0.0 {
+            *node = predicted(node, dt_s, q);
+            *node_ns = t_ns;
         }
-        self.now_ns = Some(t_ns.max(now_ns));
+        dt_s
     }
 
     /// Advances to a checked sensor event and fuses it.
     pub fn sense(&mut self, t_ns: i64, payload: &Payload) -> Outcome {
-        self.advance(t_ns);
+        self.sense_and_tell(t_ns, payload).0
+    }
+
+    /// As [`LocalFilter::sense`], and what was fused.
+    pub fn sense_and_tell(&mut self, t_ns: i64, payload: &Payload) -> (Outcome, Option<Fused>) {
+        self.now_ns = Some(self.now_ns.map_or(t_ns, |now| now.max(t_ns)));
+        let q_m2_per_s3 = self.sensors.process_noise_m2_per_s3(&self.options);
+        let moving = self.sensors;
         let linear = match self.sensors.read(t_ns, payload) {
-            Reading::Nothing => return Outcome::Noted,
+            Reading::Nothing => return (Outcome::Noted, None),
             Reading::Refused => {
                 self.rejected += 1;
-                return Outcome::Gated;
+                return (Outcome::Gated, None);
             }
             Reading::Linear(linear) => linear,
         };
-        let Some(node) = &mut self.node else {
+        let Some((node_ns, node)) = self.node else {
             if linear.half == Half::Velocity {
-                return Outcome::Noted;
+                self.sensors.measures_velocity = moving.measures_velocity;
+                return (Outcome::Noted, None);
             }
-            self.node = Some(start(&linear, &self.options));
-            return Outcome::Fused;
+            self.node = Some((t_ns, start(&linear, &self.options)));
+            return (Outcome::Fused, Some(Fused { dt_s: None, q_m2_per_s3, linear }));
         };
+        let dt_s = seconds(t_ns.saturating_sub(node_ns)).max(0.0);
+        let mut moved = predicted(&node, dt_s, q_m2_per_s3);
         let observe = linear.observe();
-        let squared = node.innovation_squared(&observe, &linear.value, &linear.noise);
+        let squared = moved.innovation_squared(&observe, &linear.value, &linear.noise);
         let admitted = squared.is_some_and(|squared| self.gate.admits(linear.half, squared, &self.options));
-        if admitted && node.update(&observe, &linear.value, &linear.noise).is_ok() {
-            return Outcome::Fused;
+        if admitted && moved.update(&observe, &linear.value, &linear.noise).is_ok() {
+            self.node = Some((t_ns, moved));
+            return (Outcome::Fused, Some(Fused { dt_s: Some(dt_s), q_m2_per_s3, linear }));
         }
         self.rejected += 1;
-        Outcome::Gated
+        (Outcome::Gated, None)
     }
 
     /// The own node predicted to `t_ns`, without changing anything.
     #[must_use]
     pub fn node_at(&self, t_ns: i64) -> Option<Gaussian<NODE>> {
         let q = self.sensors.process_noise_m2_per_s3(&self.options);
-        let now_ns = self.now_ns?;
-        self.node.map(|node| predicted(&node, seconds(t_ns.saturating_sub(now_ns)), q))
+        self.node.map(|(node_ns, node)| predicted(&node, seconds(t_ns.saturating_sub(node_ns)), q))
     }
 }
 
@@ -345,9 +375,10 @@ pub struct Range {
 }
 
 impl Range {
-    /// From the travel time, reduced by both depths. `None` for a travel time that is none, a slant range that is too
-    /// short for the depths, or one so steep that it says nothing about the horizontal.
-    #[must_use]
+    /// From the travel time, reduced by both depths; `None` for one so steep that it says nothing about the horizontal.
+    ///
+    /// # Errors
+    /// [`Error::Link`] for a travel time that is none, or a slant range too short for the depths.
     pub fn measured(
         tol_ns: i64,
         toa_ns: i64,
@@ -355,16 +386,16 @@ impl Range {
         own_depth_m: f64,
         sender_depth_m: f64,
         sigma_range_m: f64,
-    ) -> Option<Self> {
-        non_negative("sender's depth, m", sender_depth_m).ok()?;
-        let slant_m = range_m(tol_ns, toa_ns, sound_speed_mps).ok()?;
+    ) -> Result<Option<Self>, Error> {
+        non_negative("sender's depth, m", sender_depth_m)?;
+        let slant_m = range_m(tol_ns, toa_ns, sound_speed_mps)?;
         let horizontal =
-            slant_to_horizontal(slant_m, own_depth_m, sender_depth_m, sigma_range_m, SLANT_GATES).ok()?;
+            slant_to_horizontal(slant_m, own_depth_m, sender_depth_m, sigma_range_m, SLANT_GATES)?;
         if horizontal.clamped || horizontal.range_m <= sigma_range_m {
-            return None;
+            return Ok(None);
         }
         let sigma_m = sigma_range_m * slant_m / horizontal.range_m;
-        Some(Self { range_m: horizontal.range_m, sigma_m })
+        Ok(Some(Self { range_m: horizontal.range_m, sigma_m }))
     }
 
     /// Fuses it between the sender's node at launch and the receiver's at arrival, linearised at their means. Gated (and
