@@ -14,12 +14,15 @@ __all__ = [
     "Navigator",
     "Replay",
     "TeamEstimator",
+    "belief_exchange",
     "bilinear_depth",
     "bilinear_gradient",
+    "cekf",
     "decode_belief",
     "effective_sample_size",
     "encode_belief",
     "fit_mixture",
+    "interleaved",
     "kernel_entropy",
     "liu_west",
     "moments",
@@ -157,6 +160,13 @@ class Replay:
 class TeamEstimator:
     """A centralised reference: fed the events of the whole team, transmits nothing. Empty while a replay holds it."""
 
+def belief_exchange(
+    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
+) -> Navigator: ...
+def cekf(options: dict[str, Any], ranging: Sequence[bool], sound_speed_mps: float) -> TeamEstimator: ...
+def interleaved(
+    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
+) -> Navigator: ...
 def run_all(replays: Sequence[Replay], threads: int) -> None: ...
 def bilinear_depth(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
 def bilinear_gradient(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...

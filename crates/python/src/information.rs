@@ -320,7 +320,7 @@ fn reconstruct_graph<'py>(
             None => "skipped",
         });
         if let Some(plan) = plan {
-            replica.commit(&plan).map_err(failed)?;
+            replica.commit(&plan);
         }
     }
     let dict = PyDict::new(py);

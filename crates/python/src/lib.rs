@@ -9,6 +9,7 @@ mod information;
 mod kernels;
 mod mission;
 mod navigators;
+mod origin_references;
 mod python_navigator;
 mod replay;
 mod team_estimator;
@@ -25,5 +26,8 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<team_estimator::TeamEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
     information::register(module)?;
+    module.add_function(wrap_pyfunction!(origin_references::cekf, module)?)?;
+    module.add_function(wrap_pyfunction!(origin_references::belief_exchange, module)?)?;
+    module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
     kernels::register(module)
 }

@@ -118,6 +118,14 @@ impl Replica {
         Self { scaled, ..Self::default() }
     }
 
+    /// The node that the replica takes for the origin of a packet whose origin has these eight bits, if it knows one.
+    #[must_use]
+    pub fn origin_like(&self, residue: u64) -> Option<u64> {
+        let like = |id: &u64| id & 0xFF == residue & 0xFF;
+        let mut held = self.chain.nodes().iter().map(|node| node.id);
+        self.anchor.filter(like).or_else(|| held.find(like))
+    }
+
     /// The graph.
     #[must_use]
     pub fn chain(&self) -> &Chain {
@@ -170,17 +178,7 @@ impl Replica {
     }
 
     /// Takes a plan that [`Replica::plan`] made of this very replica.
-    ///
-    /// # Errors
-    /// What composing steps says; nothing has changed then.
-    pub fn commit(&mut self, plan: &Plan) -> Result<(), Error> {
-        let mut next = self.clone();
-        next.take(plan)?;
-        *self = next;
-        Ok(())
-    }
-
-    fn take(&mut self, plan: &Plan) -> Result<(), Error> {
+    pub fn commit(&mut self, plan: &Plan) {
         if let Some((origin, step)) = plan.begun {
             self.anchor = Some(plan.origin);
             self.chain.begin(origin);
@@ -194,24 +192,29 @@ impl Replica {
         }
         let joint = plan.joint.map(|joint| (plan.origin, joint));
         self.memories.push(Memory { joint, cross: plan.cross, exact: plan.exact });
-        self.prune(plan.origin)
+        self.prune(plan.origin);
     }
 
     /// Nodes before the origin are not asked for again; beyond [`NODES_MAX`] the oldest but the origin go.
-    fn prune(&mut self, origin: u64) -> Result<(), Error> {
+    fn prune(&mut self, origin: u64) {
         if self.chain.place(origin).is_some() {
             self.chain.forget_before(origin);
         }
         let gone = self.memories.len() - self.chain.nodes().len();
         self.memories.drain(..gone);
         while self.chain.nodes().len() > NODES_MAX {
-            self.chain.marginalize(1)?;
+            if self.chain.marginalize(1).is_err() {
+                // Without its oldest node a graph is smaller and as right.
+                let second = self.chain.nodes()[1].id;
+                self.chain.forget_before(second);
+                self.memories.remove(0);
+                continue;
+            }
             let merged = self.memories.remove(1);
             if let Some(next) = self.memories.get_mut(1) {
                 next.exact &= merged.exact;
             }
         }
-        Ok(())
     }
 
     /// The first packet of a server: its newest node, and the origin before it where the packet holds their joint.

@@ -42,6 +42,8 @@ pub enum PacketKind {
     Acknowledgement,
     /// 13: delta information, [`DeltaMessage`](super::graph::DeltaMessage).
     GraphDelta,
+    /// 14: a bank of beliefs, each with those whose information is in it, [`BankPacket`](super::BankPacket).
+    Bank,
 }
 
 impl PacketKind {
@@ -59,6 +61,7 @@ impl PacketKind {
             Self::Graph256 => 11,
             Self::Acknowledgement => 12,
             Self::GraphDelta => 13,
+            Self::Bank => 14,
         }
     }
 
@@ -74,6 +77,7 @@ impl PacketKind {
             11 => Ok(Self::Graph256),
             12 => Ok(Self::Acknowledgement),
             13 => Ok(Self::GraphDelta),
+            14 => Ok(Self::Bank),
             _ => Err(PacketError::InvalidCode { field: KIND.name, code }),
         }
     }
@@ -150,6 +154,13 @@ pub struct Header {
 }
 
 impl Header {
+    /// A depth as it arrives: rounded to the header's steps, 0 to 102.3 m.
+    #[must_use]
+    pub fn carried_depth_m(depth_m: f64) -> f64 {
+        let most = DEPTH.decode((1 << DEPTH.bits) - 1);
+        DEPTH.encode(depth_m.clamp(0.0, most)).map_or(f64::NAN, |steps| DEPTH.decode(steps))
+    }
+
     /// Bits of a header with a bitmap of `heard_bits`.
     #[must_use]
     pub const fn bits(heard_bits: u32) -> u32 {

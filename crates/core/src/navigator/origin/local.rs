@@ -262,21 +262,21 @@ pub struct LocalFilter {
     options: LocalOptions,
     /// What must be remembered to read the sensors.
     pub sensors: Sensors,
-    /// Time of the last event, ns.
+    /// Time that it has advanced to, ns.
     pub now_ns: Option<i64>,
-    /// The own node at its time; none before the first fix.
-    node: Option<(i64, Gaussian<NODE>)>,
+    /// The own node; none before the first fix.
+    pub node: Option<Gaussian<NODE>>,
     /// Measurements gated.
     pub rejected: u64,
     gate: FixGate,
 }
 
-/// A measurement that a filter fused, and the prediction that led to it.
+/// A measurement that a filter fused.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fused {
-    /// From the node's time to the measurement's; `None`: it started the filter.
-    pub dt_s: Option<f64>,
-    /// Spectral density of the acceleration in between.
+    /// Whether it started the filter.
+    pub started: bool,
+    /// Spectral density of the acceleration before it, m²/s³.
     pub q_m2_per_s3: f64,
     /// The measurement.
     pub linear: Linear,
@@ -299,23 +299,14 @@ impl LocalFilter {
         &self.options
     }
 
-    /// Whether a fix has given it a position.
-    #[must_use]
-    pub fn started(&self) -> bool {
-        self.node.is_some()
-    }
-
-    /// Moves the node to `t_ns`, never back; gives the step, s.
-    pub fn advance(&mut self, t_ns: i64) -> f64 {
-        self.now_ns = Some(self.now_ns.map_or(t_ns, |now| now.max(t_ns)));
-        let q = self.sensors.process_noise_m2_per_s3(&self.options);
-        let Some((node_ns, node)) = &mut self.node else { return 0.0 };
-        let dt_s = seconds(t_ns.saturating_sub(*node_ns)).max(0.0);
-        if dt_s > 0.0 {
-            *node = predicted(node, dt_s, q);
-            *node_ns = t_ns;
+    /// Moves to `t_ns`, never back.
+    pub fn advance(&mut self, t_ns: i64) {
+        let now_ns = self.now_ns.unwrap_or(t_ns);
+        if t_ns > now_ns {
+            let q = self.sensors.process_noise_m2_per_s3(&self.options);
+            self.node = self.node.map(|node| predicted(&node, seconds(t_ns.saturating_sub(now_ns)), q));
         }
-        dt_s
+        self.now_ns = Some(t_ns.max(now_ns));
     }
 
     /// Advances to a checked sensor event and fuses it.
@@ -325,9 +316,8 @@ impl LocalFilter {
 
     /// As [`LocalFilter::sense`], and what was fused.
     pub fn sense_and_tell(&mut self, t_ns: i64, payload: &Payload) -> (Outcome, Option<Fused>) {
-        self.now_ns = Some(self.now_ns.map_or(t_ns, |now| now.max(t_ns)));
+        self.advance(t_ns);
         let q_m2_per_s3 = self.sensors.process_noise_m2_per_s3(&self.options);
-        let moving = self.sensors;
         let linear = match self.sensors.read(t_ns, payload) {
             Reading::Nothing => return (Outcome::Noted, None),
             Reading::Refused => {
@@ -336,22 +326,18 @@ impl LocalFilter {
             }
             Reading::Linear(linear) => linear,
         };
-        let Some((node_ns, node)) = self.node else {
+        let Some(node) = &mut self.node else {
             if linear.half == Half::Velocity {
-                self.sensors.measures_velocity = moving.measures_velocity;
                 return (Outcome::Noted, None);
             }
-            self.node = Some((t_ns, start(&linear, &self.options)));
-            return (Outcome::Fused, Some(Fused { dt_s: None, q_m2_per_s3, linear }));
+            self.node = Some(start(&linear, &self.options));
+            return (Outcome::Fused, Some(Fused { started: true, q_m2_per_s3, linear }));
         };
-        let dt_s = seconds(t_ns.saturating_sub(node_ns)).max(0.0);
-        let mut moved = predicted(&node, dt_s, q_m2_per_s3);
         let observe = linear.observe();
-        let squared = moved.innovation_squared(&observe, &linear.value, &linear.noise);
+        let squared = node.innovation_squared(&observe, &linear.value, &linear.noise);
         let admitted = squared.is_some_and(|squared| self.gate.admits(linear.half, squared, &self.options));
-        if admitted && moved.update(&observe, &linear.value, &linear.noise).is_ok() {
-            self.node = Some((t_ns, moved));
-            return (Outcome::Fused, Some(Fused { dt_s: Some(dt_s), q_m2_per_s3, linear }));
+        if admitted && node.update(&observe, &linear.value, &linear.noise).is_ok() {
+            return (Outcome::Fused, Some(Fused { started: false, q_m2_per_s3, linear }));
         }
         self.rejected += 1;
         (Outcome::Gated, None)
@@ -361,7 +347,8 @@ impl LocalFilter {
     #[must_use]
     pub fn node_at(&self, t_ns: i64) -> Option<Gaussian<NODE>> {
         let q = self.sensors.process_noise_m2_per_s3(&self.options);
-        self.node.map(|(node_ns, node)| predicted(&node, seconds(t_ns.saturating_sub(node_ns)), q))
+        let now_ns = self.now_ns?;
+        self.node.map(|node| predicted(&node, seconds(t_ns.saturating_sub(now_ns)), q))
     }
 }
 

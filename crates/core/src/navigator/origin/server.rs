@@ -10,7 +10,8 @@ use crate::information::replica::{GraphPacket, Lag, NODES_MAX, Tie};
 use crate::information::{Chain, Gaussian, NODE, Node, NodeMatrix, Step, process};
 use crate::link::{AckBitmap, LinkError, Sequencer};
 use crate::navigator::Outcome;
-use crate::packet::graph::lag_ids;
+use crate::navigator::common::seconds;
+use crate::packet::graph::{GraphForm, lag_ids};
 
 /// The local filter, its graph of launches, and what the clients hold of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -18,8 +19,9 @@ pub struct Server {
     /// The local filter.
     pub filter: LocalFilter,
     chain: Chain,
-    /// From the newest node to the filter's own.
+    /// From the newest node to the filter's own at `since_ns`.
     since: Step,
+    since_ns: i64,
     /// Counts the packets: a node's id is its packet's counter.
     pub sequencer: Sequencer,
     /// What each client (by vehicle) acknowledged; none for who uses no packets of this vehicle.
@@ -37,6 +39,13 @@ pub struct Launch {
     filter: LocalFilter,
 }
 
+impl Launch {
+    /// Notes what the packet says of the node: what clients hold of it.
+    pub fn sent(&mut self, packet: &GraphPacket) {
+        self.node.filtered = packet.node.filtered;
+    }
+}
+
 impl Server {
     /// The graph of a vehicle whose packets the vehicles with `clients` use; bitmaps look back on `acknowledged`.
     ///
@@ -51,6 +60,7 @@ impl Server {
             filter: LocalFilter::new(options)?,
             chain: Chain::new(),
             since: Step::identity(),
+            since_ns: 0,
             sequencer: Sequencer::new(),
             acknowledged,
             origin: None,
@@ -84,16 +94,23 @@ impl Server {
         }
         let mut filter = self.filter.clone();
         let (outcome, fused) = filter.sense_and_tell(t_ns, payload);
-        if let Some(Fused { dt_s: Some(dt_s), q_m2_per_s3, linear }) = fused
+        if let Some(Fused { q_m2_per_s3, linear, .. }) = fused
             && !self.chain.nodes().is_empty()
         {
-            let mut since = self.since;
-            since.predict(&process::transition(dt_s), &process::noise(dt_s, q_m2_per_s3));
+            let mut since = self.since_at(t_ns, q_m2_per_s3);
             since.update(&linear.observe(), &linear.value, &linear.noise)?;
-            self.since = since;
+            (self.since, self.since_ns) = (since, t_ns);
         }
         self.filter = filter;
         Ok((outcome, fused))
+    }
+
+    /// From the newest node to `t_ns`.
+    fn since_at(&self, t_ns: i64, q_m2_per_s3: f64) -> Step {
+        let dt_s = seconds(t_ns.saturating_sub(self.since_ns));
+        let mut since = self.since;
+        since.predict(&process::transition(dt_s), &process::noise(dt_s, q_m2_per_s3));
+        since
     }
 
     /// A launch at `tol_ns`; `None` before the first fix.
@@ -101,10 +118,9 @@ impl Server {
     pub fn prepare(&self, tol_ns: i64) -> Option<Launch> {
         let mut filter = self.filter.clone();
         let q = filter.sensors.process_noise_m2_per_s3(filter.options());
-        let dt_s = filter.advance(tol_ns);
-        let mut step = self.since;
-        step.predict(&process::transition(dt_s), &process::noise(dt_s, q));
-        let node = Node { id: self.sequencer.peek(), tol_ns, filtered: filter.node_at(tol_ns)? };
+        filter.advance(tol_ns);
+        let step = self.since_at(tol_ns, q);
+        let node = Node { id: self.sequencer.peek(), tol_ns, filtered: filter.node? };
         Some(Launch { node, step, filter })
     }
 
@@ -131,6 +147,15 @@ impl Server {
             exact.push((lag, Lag::Joint(joint(place)?)));
         }
         Ok(GraphPacket { node: launch.node, origin, tie: Tie::Joint(joint(place)?), lags: exact })
+    }
+
+    /// What a rounded packet says.
+    ///
+    /// # Errors
+    /// What rounding says of values that do not fit.
+    pub fn rounded_packet(&self, launch: &Launch, form: GraphForm) -> Result<GraphPacket, Error> {
+        let _ = (launch, form);
+        Err(Error::External("todo".into()))
     }
 
     /// Φ(launch, origin): how the filtered error at the origin lives on in that of the launch.
@@ -166,7 +191,7 @@ impl Server {
         self.sequencer.take()?;
         self.chain = chain;
         self.filter = launch.filter.clone();
-        self.since = Step::identity();
+        (self.since, self.since_ns) = (Step::identity(), launch.node.tol_ns);
         self.origin.get_or_insert(launch.node.id);
         Ok(())
     }

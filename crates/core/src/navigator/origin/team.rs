@@ -30,15 +30,24 @@ struct Moment {
 }
 
 /// What happened to the joint.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 enum Change {
     Start(Linear),
     Sensed(Linear),
-    Heard { peer: VehicleId, news: News, range: Option<Range> },
+    Heard(Box<Heard>),
+}
+
+/// A packet that was taken.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Heard {
+    peer: VehicleId,
+    news: News,
+    range: Option<Range>,
 }
 
 /// What a packet says of a peer's newest node.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "one for each packet, and mostly the larger variant")]
 pub enum News {
     /// The peer was not known before.
     First(Gaussian<NODE>),
@@ -84,8 +93,8 @@ impl Moment {
                     )?;
                 self.joint.fuse(&innovation);
             }
-            Change::Heard { peer, news, range } => {
-                return self.hear(*peer, news, range.as_ref(), gate_sigmas);
+            Change::Heard(heard) => {
+                return self.hear(heard.peer, &heard.news, heard.range.as_ref(), gate_sigmas);
             }
         }
         Ok(Outcome::Fused)
@@ -137,10 +146,8 @@ impl TeamFilter {
     /// # Errors
     /// [`Error::NotPositiveDefinite`]; nothing has changed then.
     pub fn sense(&mut self, t_ns: i64, fused: &Fused) -> Result<(), Error> {
-        let change = match fused.dt_s {
-            None => Change::Start(fused.linear),
-            Some(_) => Change::Sensed(fused.linear),
-        };
+        let linear = fused.linear;
+        let change = if fused.started { Change::Start(linear) } else { Change::Sensed(linear) };
         let q = fused.q_m2_per_s3;
         let mut next = self.now.clone();
         next.advance(t_ns, q);
@@ -185,7 +192,7 @@ impl TeamFilter {
         let gate = self.options.gate_sigmas;
         let last_ns = self.changes.back().map_or(i64::MIN, |(at_ns, _, _)| *at_ns);
         if last_ns <= toa_ns {
-            let change = Change::Heard { peer, news, range };
+            let change = Change::Heard(Box::new(Heard { peer, news, range }));
             let mut next = self.now.clone();
             next.advance(toa_ns, q_m2_per_s3);
             let copy = next.clone();
@@ -199,7 +206,7 @@ impl TeamFilter {
         let Some(place) = self.copies.iter().rposition(|copy| copy.t_ns <= toa_ns) else {
             return self.hear(peer, news, None, last_ns, q_m2_per_s3);
         };
-        self.insert(place, Change::Heard { peer, news, range }, toa_ns)
+        self.insert(place, Change::Heard(Box::new(Heard { peer, news, range })), toa_ns)
     }
 
     /// Goes back to the copy at `place`, fuses the change at its time and repeats what came after.
