@@ -9,6 +9,7 @@ mod information;
 mod kernels;
 mod mission;
 mod navigators;
+mod origin;
 mod origin_references;
 mod python_navigator;
 mod replay;
@@ -26,6 +27,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<team_estimator::TeamEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
     information::register(module)?;
+    origin::register(module)?;
     module.add_function(wrap_pyfunction!(origin_references::cekf, module)?)?;
     module.add_function(wrap_pyfunction!(origin_references::belief_exchange, module)?)?;
     module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
