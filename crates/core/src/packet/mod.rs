@@ -34,6 +34,8 @@ mod bits;
 mod cloud;
 mod error;
 mod field;
+pub mod graph;
+mod graph_rounded;
 mod header;
 mod mixture;
 #[cfg(test)]
