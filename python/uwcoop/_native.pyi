@@ -269,3 +269,38 @@ def encode_belief(
     packet: str,
 ) -> bytes: ...
 def decode_belief(packet: bytes, sender: int, tol_ns: int) -> dict[str, Any]: ...
+def mdeif(
+    vehicle: int, ranging: list[bool], options: dict[str, Any], sound_speed_mps: float
+) -> Navigator: ...
+def deif(
+    vehicle: int,
+    ranging: list[bool],
+    options: dict[str, Any],
+    repeats: int | None,
+    sound_speed_mps: float,
+) -> Navigator: ...
+def schur_marginalize(matrix: _F8, vector: _F8, keep: Sequence[int]) -> tuple[_F8, _F8]: ...
+def origin_delta(
+    client_matrix: _F8, client_vector: _F8, server_matrix: _F8, server_vector: _F8
+) -> dict[str, Any]: ...
+def filtered_error_delta(
+    client_matrix: _F8, client_vector: _F8, server_matrix: _F8, server_vector: _F8
+) -> dict[str, Any]: ...
+def pose_graph(
+    mean0: _F8,
+    covariance0: _F8,
+    q_m2_per_s3: float,
+    times_s: _F8,
+    positions_m: _F8,
+    sigma_m: float,
+    tol_s: _F8,
+    origins: Sequence[int],
+) -> dict[str, Any]: ...
+def reconstruct_graph(
+    ids: Sequence[int],
+    origins: Sequence[int],
+    matrices: _F8,
+    vectors: _F8,
+    equation_6: bool = True,
+    loss_max: float = 1e-4,
+) -> dict[str, Any]: ...

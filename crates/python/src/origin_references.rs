@@ -13,7 +13,7 @@ use crate::navigators::{Navigator, Options};
 use crate::team_estimator::TeamEstimator;
 
 /// The model of own motion and sensors that the whole family shares.
-fn local(options: &Options<'_, '_>) -> PyResult<LocalOptions> {
+pub(crate) fn local(options: &Options<'_, '_>) -> PyResult<LocalOptions> {
     Ok(LocalOptions {
         process_noise_m2_per_s3: options.number("process_noise_m2_per_s3")?,
         process_noise_dvl_m2_per_s3: options.number("process_noise_dvl_m2_per_s3")?,

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
+from uwcoop.navigators import origin
 from uwcoop.navigators import origin_references as references
 from uwcoop.navigators.options import (
     DRIFT_PRESETS,
@@ -201,6 +202,28 @@ NAVIGATORS: dict[str, Spec] = {
         listed_only=True,
         central=True,
         realisable=False,
+    ),
+    "deif": Spec(
+        "Delta information from launch to launch, told what arrives (Walls & Eustice 2012, section 3). One-way only.",
+        origin.DeifOptions,
+        {},
+        origin.deif,
+        listed_only=True,
+        realisable=False,
+    ),
+    "deif-redundant": Spec(
+        "deif that repeats its last deltas in each packet instead of being told. One-way only.",
+        origin.DeifRedundantOptions,
+        {},
+        origin.deif_redundant,
+        listed_only=True,
+    ),
+    "mdeif": Spec(
+        "Origin-state method: local pose graphs over a lossy channel (Walls & Eustice 2012, section 4).",
+        origin.MdeifOptions,
+        {},
+        origin.mdeif,
+        listed_only=True,
     ),
     "nekf": Spec(
         "Packets of mean and covariance, correlation ignored (Walls & Eustice 2012, section 2.1).",

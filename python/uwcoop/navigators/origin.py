@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from uwcoop import _native
 from uwcoop.navigators.options import NonNegative, Positive
 
-__all__ = ["DeifOptions", "DeifRedundantOptions", "MdeifOptions", "OriginOptions"]
+if TYPE_CHECKING:
+    from uwcoop.navigators import Context
+
+__all__ = [
+    "DeifOptions",
+    "DeifRedundantOptions",
+    "MdeifOptions",
+    "OriginOptions",
+    "deif",
+    "deif_redundant",
+    "mdeif",
+]
 
 PacketForm = Literal["f64", "32", "64", "256"]
 
@@ -61,5 +74,28 @@ class DeifOptions(OriginOptions):
 class DeifRedundantOptions(OriginOptions):
     """Options of `deif-redundant`."""
 
-    repeats: Annotated[int, Field(ge=1, le=16)] = 3
+    repeats: Annotated[int, Field(ge=1, le=16)] = 6
     """How many delta informations a packet holds: its own and the ones before it."""
+
+
+def _ranging(context: Context) -> list[bool]:
+    """By vehicle, whether it uses ranges; where nobody said, all do."""
+    return list(context.ranging) or [True] * context.vehicles
+
+
+def mdeif(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> _native.Navigator:
+    """Walls & Eustice (2012), section 4."""
+    return _native.mdeif(context.vehicle, _ranging(context), dict(options), context.sound_speed_mps)
+
+
+def deif(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> _native.Navigator:
+    """Walls & Eustice (2012), section 3."""
+    return _native.deif(context.vehicle, _ranging(context), dict(options), None, context.sound_speed_mps)
+
+
+def deif_redundant(
+    context: Context, options: Mapping[str, Any], _chart: _native.Chart | None
+) -> _native.Navigator:
+    """Section 3.1's workaround."""
+    repeats = int(options["repeats"])
+    return _native.deif(context.vehicle, _ranging(context), dict(options), repeats, context.sound_speed_mps)

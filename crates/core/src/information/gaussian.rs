@@ -139,3 +139,21 @@ impl<const D: usize> Information<D> {
         Ok(())
     }
 }
+
+impl Information<8> {
+    /// Marginalises the second node of (first, second) out: the Schur complement of one block.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] when that block is not.
+    pub fn marginal(&self) -> Result<Information<4>, Error> {
+        let own = symmetrized(&self.matrix.fixed_view::<4, 4>(4, 4).into_owned());
+        let across = self.matrix.fixed_view::<4, 4>(0, 4);
+        let root = own
+            .cholesky()
+            .ok_or(Error::NotPositiveDefinite { quantity: "information that is marginalised out" })?;
+        let matrix = self.matrix.fixed_view::<4, 4>(0, 0) - across * root.solve(&across.transpose());
+        let vector = self.vector.fixed_rows::<4>(0)
+            - across * root.solve(&self.vector.fixed_rows::<4>(4).into_owned());
+        Ok(Information { matrix: symmetrized(&matrix), vector })
+    }
+}

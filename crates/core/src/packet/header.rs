@@ -30,6 +30,18 @@ pub enum PacketKind {
     Cloud,
     /// 4: a few modes, [`MixturePacket`](super::MixturePacket).
     Mixture,
+    /// 8: a node of a pose graph in float64, [`GraphMessage`](super::graph::GraphMessage).
+    GraphF64,
+    /// 9: the same, rounded for 32 bytes.
+    Graph32,
+    /// 10: the same, rounded for 64 bytes.
+    Graph64,
+    /// 11: the same, rounded for 256 bytes.
+    Graph256,
+    /// 12: only what the sender received, [`GraphMessage`](super::graph::GraphMessage).
+    Acknowledgement,
+    /// 13: delta information, [`DeltaMessage`](super::graph::DeltaMessage).
+    GraphDelta,
     /// 14: a bank of beliefs, each with those whose information is in it, [`BankPacket`](super::BankPacket).
     Bank,
     /// 5: local data of a vehicle, [`TeamReport`](super::TeamReport).
@@ -49,6 +61,12 @@ impl PacketKind {
             Self::BeliefF64 => 2,
             Self::Cloud => 3,
             Self::Mixture => 4,
+            Self::GraphF64 => 8,
+            Self::Graph32 => 9,
+            Self::Graph64 => 10,
+            Self::Graph256 => 11,
+            Self::Acknowledgement => 12,
+            Self::GraphDelta => 13,
             Self::Bank => 14,
             Self::Team => 5,
             Self::TeamFix => 6,
@@ -62,6 +80,12 @@ impl PacketKind {
             2 => Ok(Self::BeliefF64),
             3 => Ok(Self::Cloud),
             4 => Ok(Self::Mixture),
+            8 => Ok(Self::GraphF64),
+            9 => Ok(Self::Graph32),
+            10 => Ok(Self::Graph64),
+            11 => Ok(Self::Graph256),
+            12 => Ok(Self::Acknowledgement),
+            13 => Ok(Self::GraphDelta),
             14 => Ok(Self::Bank),
             5 => Ok(Self::Team),
             6 => Ok(Self::TeamFix),

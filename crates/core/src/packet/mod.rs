@@ -35,6 +35,8 @@ mod bits;
 mod cloud;
 mod error;
 mod field;
+pub mod graph;
+mod graph_rounded;
 mod header;
 pub mod landmark;
 pub mod layout;

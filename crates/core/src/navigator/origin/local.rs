@@ -271,6 +271,17 @@ pub struct LocalFilter {
     gate: FixGate,
 }
 
+/// A measurement that a filter fused.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fused {
+    /// Whether it started the filter.
+    pub started: bool,
+    /// Spectral density of the acceleration before it, m²/s³.
+    pub q_m2_per_s3: f64,
+    /// The measurement.
+    pub linear: Linear,
+}
+
 impl LocalFilter {
     /// A filter that waits for its first fix.
     ///
@@ -300,30 +311,36 @@ impl LocalFilter {
 
     /// Advances to a checked sensor event and fuses it.
     pub fn sense(&mut self, t_ns: i64, payload: &Payload) -> Outcome {
+        self.sense_and_tell(t_ns, payload).0
+    }
+
+    /// As [`LocalFilter::sense`], and what was fused.
+    pub fn sense_and_tell(&mut self, t_ns: i64, payload: &Payload) -> (Outcome, Option<Fused>) {
         self.advance(t_ns);
+        let q_m2_per_s3 = self.sensors.process_noise_m2_per_s3(&self.options);
         let linear = match self.sensors.read(t_ns, payload) {
-            Reading::Nothing => return Outcome::Noted,
+            Reading::Nothing => return (Outcome::Noted, None),
             Reading::Refused => {
                 self.rejected += 1;
-                return Outcome::Gated;
+                return (Outcome::Gated, None);
             }
             Reading::Linear(linear) => linear,
         };
         let Some(node) = &mut self.node else {
             if linear.half == Half::Velocity {
-                return Outcome::Noted;
+                return (Outcome::Noted, None);
             }
             self.node = Some(start(&linear, &self.options));
-            return Outcome::Fused;
+            return (Outcome::Fused, Some(Fused { started: true, q_m2_per_s3, linear }));
         };
         let observe = linear.observe();
         let squared = node.innovation_squared(&observe, &linear.value, &linear.noise);
         let admitted = squared.is_some_and(|squared| self.gate.admits(linear.half, squared, &self.options));
         if admitted && node.update(&observe, &linear.value, &linear.noise).is_ok() {
-            return Outcome::Fused;
+            return (Outcome::Fused, Some(Fused { started: false, q_m2_per_s3, linear }));
         }
         self.rejected += 1;
-        Outcome::Gated
+        (Outcome::Gated, None)
     }
 
     /// The own node predicted to `t_ns`, without changing anything.
@@ -345,9 +362,10 @@ pub struct Range {
 }
 
 impl Range {
-    /// From the travel time, reduced by both depths. `None` for a travel time that is none, a slant range that is too
-    /// short for the depths, or one so steep that it says nothing about the horizontal.
-    #[must_use]
+    /// From the travel time, reduced by both depths; `None` for one so steep that it says nothing about the horizontal.
+    ///
+    /// # Errors
+    /// [`Error::Link`] for a travel time that is none, or a slant range too short for the depths.
     pub fn measured(
         tol_ns: i64,
         toa_ns: i64,
@@ -355,16 +373,16 @@ impl Range {
         own_depth_m: f64,
         sender_depth_m: f64,
         sigma_range_m: f64,
-    ) -> Option<Self> {
-        non_negative("sender's depth, m", sender_depth_m).ok()?;
-        let slant_m = range_m(tol_ns, toa_ns, sound_speed_mps).ok()?;
+    ) -> Result<Option<Self>, Error> {
+        non_negative("sender's depth, m", sender_depth_m)?;
+        let slant_m = range_m(tol_ns, toa_ns, sound_speed_mps)?;
         let horizontal =
-            slant_to_horizontal(slant_m, own_depth_m, sender_depth_m, sigma_range_m, SLANT_GATES).ok()?;
+            slant_to_horizontal(slant_m, own_depth_m, sender_depth_m, sigma_range_m, SLANT_GATES)?;
         if horizontal.clamped || horizontal.range_m <= sigma_range_m {
-            return None;
+            return Ok(None);
         }
         let sigma_m = sigma_range_m * slant_m / horizontal.range_m;
-        Some(Self { range_m: horizontal.range_m, sigma_m })
+        Ok(Some(Self { range_m: horizontal.range_m, sigma_m }))
     }
 
     /// Fuses it between the sender's node at launch and the receiver's at arrival, linearised at their means. Gated (and
