@@ -14,13 +14,17 @@ __all__ = [
     "Mission",
     "Navigator",
     "Replay",
+    "TeamEstimator",
+    "belief_exchange",
     "bilinear_depth",
     "bilinear_gradient",
     "bound",
+    "cekf",
     "decode_belief",
     "effective_sample_size",
     "encode_belief",
     "fit_mixture",
+    "interleaved",
     "kernel_entropy",
     "liu_west",
     "moments",
@@ -161,7 +165,7 @@ class Replay:
     """One team replaying one mission."""
 
     def __new__(
-        cls, mission: Mission, navigators: Sequence[Any], sample_ns: _I8, cloud_every: int
+        cls, mission: Mission, navigators: Sequence[Any] | TeamEstimator, sample_ns: _I8, cloud_every: int
     ) -> Replay: ...
     @property
     def seconds(self) -> float: ...
@@ -187,6 +191,17 @@ def team_navigator(
     chart: Chart | None,
     sound_speed_mps: float,
     seed: int,
+) -> Navigator: ...
+@final
+class TeamEstimator:
+    """A centralised reference: fed the events of the whole team, transmits nothing. Empty while a replay holds it."""
+
+def belief_exchange(
+    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
+) -> Navigator: ...
+def cekf(options: dict[str, Any], ranging: Sequence[bool], sound_speed_mps: float) -> TeamEstimator: ...
+def interleaved(
+    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
 ) -> Navigator: ...
 def run_all(replays: Sequence[Replay], threads: int) -> None: ...
 def bilinear_depth(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
@@ -253,3 +268,38 @@ def encode_belief(
     packet: str,
 ) -> bytes: ...
 def decode_belief(packet: bytes, sender: int, tol_ns: int) -> dict[str, Any]: ...
+def mdeif(
+    vehicle: int, ranging: list[bool], options: dict[str, Any], sound_speed_mps: float
+) -> Navigator: ...
+def deif(
+    vehicle: int,
+    ranging: list[bool],
+    options: dict[str, Any],
+    repeats: int | None,
+    sound_speed_mps: float,
+) -> Navigator: ...
+def schur_marginalize(matrix: _F8, vector: _F8, keep: Sequence[int]) -> tuple[_F8, _F8]: ...
+def origin_delta(
+    client_matrix: _F8, client_vector: _F8, server_matrix: _F8, server_vector: _F8
+) -> dict[str, Any]: ...
+def filtered_error_delta(
+    client_matrix: _F8, client_vector: _F8, server_matrix: _F8, server_vector: _F8
+) -> dict[str, Any]: ...
+def pose_graph(
+    mean0: _F8,
+    covariance0: _F8,
+    q_m2_per_s3: float,
+    times_s: _F8,
+    positions_m: _F8,
+    sigma_m: float,
+    tol_s: _F8,
+    origins: Sequence[int],
+) -> dict[str, Any]: ...
+def reconstruct_graph(
+    ids: Sequence[int],
+    origins: Sequence[int],
+    matrices: _F8,
+    vectors: _F8,
+    equation_6: bool = True,
+    loss_max: float = 1e-4,
+) -> dict[str, Any]: ...

@@ -26,6 +26,7 @@ __all__ = [
     "fitting",
     "packet_bytes",
     "packet_fields",
+    "ranging_of",
     "refuse_misfits",
 ]
 
@@ -175,10 +176,20 @@ def refuse_misfits(navigators: Iterable[str], tables: Mapping[str, Any], vehicle
 
 
 def fitting(tables: Mapping[str, Any], vehicles: int) -> list[str]:
-    """The packaged navigators for a resolved scenario: all, but those that need a bandwidth that its modem lacks."""
+    """The packaged navigators of a resolved scenario: those that it lists, or all that are for any; without
+    those that need a bandwidth that its modem lacks.
+
+    Raises:
+        NavigatorError: the scenario lists an unknown navigator, or one twice.
+    """
+    listed = list(tables.get("navigators", ()))
+    for name in listed:
+        options_of(name, tables)
+        if listed.count(name) > 1:
+            raise NavigatorError(f"navigators lists {name!r} {listed.count(name)} times: must be once")
     fits = []
-    for name, spec in NAVIGATORS.items():
-        if spec.needs_bandwidth:
+    for name in listed or [name for name, spec in NAVIGATORS.items() if not spec.listed_only]:
+        if NAVIGATORS[name].needs_bandwidth:
             try:
                 refuse_misfits([name], tables, vehicles)
             except ScheduleError:
@@ -207,8 +218,15 @@ def packet_fields(
 def _packet(
     name: str, tables: Mapping[str, Any], vehicles: int, capacity_bytes: int
 ) -> tuple[bytes | None, tuple[Field, ...]]:
+    if NAVIGATORS[name].central:
+        return None, ()
     tag_bytes = tag_bytes_of(tables)
-    context = Context(0, vehicles, tables["acoustics"]["sound_speed_mps"], 0, None)
+    ranging = ranging_of(tables)
+    sound_speed_mps = tables["acoustics"]["sound_speed_mps"]
+    # Of a team of another size the scenario does not say who ranges.
+    context = Context(
+        0, vehicles, sound_speed_mps, 0, None, ranging if len(ranging) == vehicles else ()
+    )
 
     def ready() -> tuple[_native.Navigator, int]:
         navigator = build(name, context, options_of(name, tables), None)
@@ -314,3 +332,9 @@ def _slot_plans(plan: Acoustics, slots: int, vehicles: int) -> Iterable[SlotPlan
             broadcasts_per_min=60 / cycle_s,
             heard_per_min=60 * (slots - slots / vehicles) / cycle_s / _pollers(plan, vehicles),
         )
+
+
+def ranging_of(tables: Mapping[str, Any]) -> tuple[bool, ...]:
+    """By vehicle, whether it uses ranges; empty where a resolved scenario, or a log of another origin, does not say."""
+    team = tables.get("vehicles", ())
+    return tuple(bool(v.get("fuses_ranges", True)) for v in team) if isinstance(team, list | tuple) else ()

@@ -186,7 +186,7 @@ def _write_errors(result: RunResult, path: Path) -> None:
 def _write_map(result: RunResult, path: Path) -> None:
     from uwcoop.figures.map import map_figure
 
-    map_figure(result.tracks, _chart(result)).savefig(path)
+    map_figure(result.tracks, result.log.chart).savefig(path)
 
 
 def _write_covariance(result: RunResult, path: Path) -> None:
@@ -212,10 +212,4 @@ def _write_information(result: RunResult, path: Path) -> None:
 def _write_replay(result: RunResult, path: Path) -> None:
     from uwcoop.viewer import write_replay
 
-    write_replay(path, result.tracks, result.packets, result.clouds, _chart(result), result.log)
-
-
-def _chart(result: RunResult) -> Any:
-    if result.log.chart is None:
-        raise TracksError("the mission has no chart")
-    return result.log.chart
+    write_replay(path, result.tracks, result.packets, result.clouds, result.log.chart, result.log)

@@ -1,7 +1,7 @@
 """Sensors: truth -> events. Each draws from streams of its own, so that one more sensor changes no other's
 noise.
 
-Where no seabed is known (off the chart, over a hole) the simulated altimeter gives no event: the world has no
+Where no seabed is known (no chart, off it, over a hole) the simulated altimeter gives no event: the world has no
 depth to measure there, and making one up would feed a navigator a number that no chart, true or wrong, stands
 behind. A recorded sounding is what an echo sounder really read, and is delivered wherever it was taken.
 """
@@ -42,7 +42,9 @@ if TYPE_CHECKING:
     Rows = dict[str, NDArray[np.float64]]
 
 
-def events_of(scenario: Scenario, chart: Chart, motion: Sequence[Motion], seed: int) -> dict[str, Columns]:
+def events_of(
+    scenario: Scenario, chart: Chart | None, motion: Sequence[Motion], seed: int
+) -> dict[str, Columns]:
     """All events of a mission: a table of columns for each kind that occurs, sorted by time, then vehicle."""
     tide = Tides(scenario.tide, seed)
     parts: dict[str, list[Columns]] = {kind: [] for kind in EVENT_COLUMNS}
@@ -63,7 +65,7 @@ def events_of(scenario: Scenario, chart: Chart, motion: Sequence[Motion], seed: 
 
 
 def _vehicle_events(
-    sensors: Sensors, chart: Chart, tide: Tides, moved: Motion, seed: int, index: int
+    sensors: Sensors, chart: Chart | None, tide: Tides, moved: Motion, seed: int, index: int
 ) -> list[tuple[str, Rows]]:
     def rng(purpose: Purpose) -> np.random.Generator:
         return stream(seed, index, purpose)
@@ -150,12 +152,14 @@ def depth_events(sensor: DepthSensor, moved: Motion, rng: np.random.Generator) -
 
 
 def water_depth_events(
-    sensor: WaterDepthSensor, chart: Chart, tide: Tides, moved: Motion, rng: np.random.Generator
+    sensor: WaterDepthSensor, chart: Chart | None, tide: Tides, moved: Motion, rng: np.random.Generator
 ) -> Rows:
     """Water depth: recorded soundings as they are, or chart + tide + white noise where there is a chart."""
     if moved.soundings_m is not None and sensor.rate_hz > 0:
         t_s = np.flatnonzero(np.isfinite(moved.soundings_m)).astype(np.float64)
         water = moved.soundings_m[t_s.astype(np.int64)]
+    elif chart is None:
+        t_s = water = np.empty(0)
     else:
         t_s = sample_times(sensor.rate_hz, moved.end_s)
         noise = sensor.sigma_m * rng.standard_normal(t_s.size)

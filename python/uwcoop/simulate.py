@@ -11,7 +11,7 @@ import numpy as np
 from uwcoop import acoustics, sensors
 from uwcoop import scenario as scenarios
 from uwcoop.errors import ChartError, ScenarioError
-from uwcoop.missionlog.model import MissionLog
+from uwcoop.missionlog.model import MissionLog, Origin
 from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.streams import TEAM, Purpose, stream
 from uwcoop.vehicles import team_motion
@@ -36,7 +36,7 @@ def simulate(
     Args:
         scenario: a `Scenario`, the name of a packaged one, or the path of a scenario file.
         seed: of the mission, 0 or above; None takes the scenario's.
-        chart: instead of what the scenario's `chart.source` gives. It is what vehicles sound and what
+        chart: instead of what the scenario's `chart.source`, if any, gives. It is what vehicles sound and what
             navigators get; with `[chart.survey]` the former alone, with `[chart.seabed]` the latter.
 
     Returns:
@@ -55,8 +55,7 @@ def simulate(
         raise ScenarioError(f"seed is {seed}: must be at least 0")
     names = tuple(vehicle.name for vehicle in scenario.team)
     slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
-    source = open_chart(scenario.chart) if chart is None else chart
-    seabed, chart = seabed_and_chart(scenario.chart, source, seed)
+    seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
     motion = team_motion(scenario, seabed, seed)
     return MissionLog(
         name=scenario.name,
@@ -68,11 +67,20 @@ def simulate(
         slots=slots,
         opportunities=acoustics.opportunities(scenario.acoustics, slots, motion, seed, names),
         chart=chart,
-        origin=chart.origin,
+        origin=Origin() if chart is None else chart.origin,
         scenario=scenario.resolved(),
         truth=_truth(names, motion),
         team_key=scenario.acoustics.authentication.key,
     )
+
+
+def _seabed_and_chart(
+    spec: ChartSpec | None, given: Chart | None, seed: int
+) -> tuple[Chart | None, Chart | None]:
+    """As `seabed_and_chart`, for scenarios that may have none; a chart that is given needs no table."""
+    if spec is None:
+        return given, given
+    return seabed_and_chart(spec, open_chart(spec) if given is None else given, seed)
 
 
 def seabed_and_chart(spec: ChartSpec, source: Chart, seed: int) -> tuple[Chart, Chart]:

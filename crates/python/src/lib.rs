@@ -7,12 +7,16 @@ mod bound;
 mod chart;
 mod errors;
 mod event;
+mod information;
 mod kernels;
 mod mission;
 mod navigators;
+mod origin;
+mod origin_references;
 mod python_navigator;
 mod replay;
 mod team;
+mod team_estimator;
 
 /// The compiled core of uwcoop.
 #[pymodule]
@@ -25,7 +29,13 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<navigators::Navigator>()?;
     module.add_class::<mission::Mission>()?;
     module.add_class::<replay::Replay>()?;
+    module.add_class::<team_estimator::TeamEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
     team::register(module)?;
+    information::register(module)?;
+    origin::register(module)?;
+    module.add_function(wrap_pyfunction!(origin_references::cekf, module)?)?;
+    module.add_function(wrap_pyfunction!(origin_references::belief_exchange, module)?)?;
+    module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
     kernels::register(module)
 }

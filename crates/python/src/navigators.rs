@@ -87,7 +87,7 @@ pub struct Navigator {
 }
 
 impl Navigator {
-    pub(crate) fn of(navigator: impl CoreNavigator + 'static) -> Self {
+    pub fn of(navigator: impl CoreNavigator + 'static) -> Self {
         Self { inner: Mutex::new(Some(Box::new(navigator))) }
     }
 
@@ -108,31 +108,31 @@ fn held() -> PyErr {
 }
 
 /// A dict of options; every key must be there, so that defaults stay in one place.
-pub(crate) struct Options<'a, 'py>(pub(crate) &'a Bound<'py, PyDict>);
+pub struct Options<'a, 'py>(pub &'a Bound<'py, PyDict>);
 
 impl Options<'_, '_> {
-    pub(crate) fn number(&self, name: &str) -> PyResult<f64> {
+    pub fn number(&self, name: &str) -> PyResult<f64> {
         self.maybe(name)?.ok_or_else(|| argument(format!("option {name} is missing")))
     }
 
-    pub(crate) fn maybe(&self, name: &str) -> PyResult<Option<f64>> {
+    pub fn maybe(&self, name: &str) -> PyResult<Option<f64>> {
         match self.0.get_item(name)? {
             Some(value) if !value.is_none() => Ok(Some(value.extract()?)),
             _ => Ok(None),
         }
     }
 
-    pub(crate) fn count(&self, name: &str) -> PyResult<usize> {
+    pub fn count(&self, name: &str) -> PyResult<usize> {
         let value = self.0.get_item(name)?.ok_or_else(|| argument(format!("option {name} is missing")))?;
         value.extract()
     }
 
-    pub(crate) fn flag(&self, name: &str) -> PyResult<bool> {
+    pub fn flag(&self, name: &str) -> PyResult<bool> {
         let value = self.0.get_item(name)?.ok_or_else(|| argument(format!("option {name} is missing")))?;
         value.extract()
     }
 
-    pub(crate) fn word(&self, name: &str) -> PyResult<String> {
+    pub fn word(&self, name: &str) -> PyResult<String> {
         let value = self.0.get_item(name)?.ok_or_else(|| argument(format!("option {name} is missing")))?;
         value.extract()
     }

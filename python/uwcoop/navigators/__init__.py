@@ -5,15 +5,17 @@ A scenario sets options as `[navigator.NAME]`, or as `[navigator.all]` for every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from pydantic import ValidationError
 
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
+from uwcoop.navigators import origin
+from uwcoop.navigators import origin_references as references
 from uwcoop.navigators.options import (
     DRIFT_PRESETS,
     DeadReckoningOptions,
@@ -21,12 +23,18 @@ from uwcoop.navigators.options import (
     DriftOptions,
     MpfOptions,
 )
+from uwcoop.navigators.origin import (
+    DeifOptions,
+    DeifRedundantOptions,
+    MdeifOptions,
+    OriginOptions,
+)
 from uwcoop.navigators.team import TeamOptions, team
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from uwcoop._native import Event, Navigator
+    from uwcoop._native import Event, Navigator, TeamEstimator
     from uwcoop.charts import Chart
 
 __all__ = [
@@ -35,16 +43,25 @@ __all__ = [
     "Context",
     "Custom",
     "DeadReckoningOptions",
+    "DeifOptions",
+    "DeifRedundantOptions",
     "DmpfOptions",
+    "MdeifOptions",
     "MpfOptions",
+    "OriginOptions",
     "PythonEstimate",
     "PythonNavigator",
     "Spec",
     "TeamOptions",
     "build",
     "native_chart",
+    "not_realisable",
     "options_of",
 ]
+
+
+Options: TypeAlias = DriftOptions | OriginOptions
+"""Options of a packaged navigator."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +78,8 @@ class Context:
     """Seed of the navigator's random streams."""
     chart: Chart | None
     """The chart on board."""
+    ranging: tuple[bool, ...] = ()
+    """By vehicle, whether it uses ranges, as the team agreed; empty: all do."""
 
 
 class PythonEstimate(Protocol):
@@ -93,11 +112,17 @@ class Spec:
     """A packaged navigator: what it is, its option model, options that make it what its name says, how it is made."""
 
     summary: str
-    options: type[DriftOptions]
+    options: type[Options]
     fixed: Mapping[str, Any]
-    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator]
+    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | TeamEstimator]
     needs_bandwidth: bool = False
     """Takes part by default only where the modem carries its packet."""
+    listed_only: bool = False
+    """Takes part by default only where the scenario's `navigators` names it."""
+    central: bool = False
+    """Made once for the whole team (with the first vehicle's context): a `TeamEstimator`."""
+    realisable: bool = True
+    """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
 
 
 def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
@@ -150,6 +175,81 @@ NAVIGATORS: dict[str, Spec] = {
         {},
         _mpf,
     ),
+    "local-only": Spec(
+        "Own sensors alone: DVL, heading and fixes in a filter with white acceleration.",
+        references.BeliefOptions,
+        {"correlation": "ignored", "use_ranges": False},
+        references.belief_exchange,
+        listed_only=True,
+    ),
+    "cekf": Spec(
+        "Centralised filter fed all that the team senses and hears, delayed states at launches (Webster et al. 2009).",
+        references.CekfOptions,
+        {"fed": "everything"},
+        references.cekf,
+        listed_only=True,
+        central=True,
+        realisable=False,
+    ),
+    "cekf-received": Spec(
+        "cekf for each vehicle alone, with the raw data of exactly the packets that reached it.",
+        references.CekfOptions,
+        {"fed": "received"},
+        references.cekf,
+        listed_only=True,
+        central=True,
+        realisable=False,
+    ),
+    "deif": Spec(
+        "Delta information from launch to launch, told what arrives (Walls & Eustice 2012, section 3). One-way only.",
+        origin.DeifOptions,
+        {},
+        origin.deif,
+        listed_only=True,
+        realisable=False,
+    ),
+    "deif-redundant": Spec(
+        "deif that repeats its last deltas in each packet instead of being told. One-way only.",
+        origin.DeifRedundantOptions,
+        {},
+        origin.deif_redundant,
+        listed_only=True,
+    ),
+    "mdeif": Spec(
+        "Origin-state method: local pose graphs over a lossy channel (Walls & Eustice 2012, section 4).",
+        origin.MdeifOptions,
+        {},
+        origin.mdeif,
+        listed_only=True,
+    ),
+    "nekf": Spec(
+        "Packets of mean and covariance, correlation ignored (Walls & Eustice 2012, section 2.1).",
+        references.BeliefOptions,
+        {"correlation": "ignored"},
+        references.belief_exchange,
+        listed_only=True,
+    ),
+    "interleaved": Spec(
+        "Interleaved update: a bank of filters with a table of origins (Bahr, Walter & Leonard 2009).",
+        references.InterleavedOptions,
+        {},
+        references.interleaved,
+        listed_only=True,
+    ),
+    "covariance-intersection": Spec(
+        "Packets of mean and covariance, correlation taken as unknown.",
+        references.BeliefOptions,
+        {"correlation": "unknown"},
+        references.belief_exchange,
+        listed_only=True,
+    ),
+    "covariance-intersection-inflated": Spec(
+        "covariance-intersection with four times the process noise.",
+        references.BeliefOptions,
+        {"correlation": "unknown", "process_noise_factor": 4.0},
+        references.belief_exchange,
+        listed_only=True,
+    ),
     "mpf-terrain-only": Spec("mpf without ranges.", MpfOptions, {"use_ranges": False}, _mpf),
     "team": Spec(
         "Every particle carries its teammates; only soundings, displacement and ranges are broadcast.",
@@ -161,7 +261,7 @@ NAVIGATORS: dict[str, Spec] = {
 """Packaged navigators by name."""
 
 
-def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOptions:
+def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     """Options of a packaged navigator: defaults, then `[navigator.all]`, then `[navigator.NAME]`.
 
     Raises:
@@ -188,6 +288,9 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
     tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
     if tags and "tag_bytes" in model.model_fields:
         own.setdefault("tag_bytes", tags)
+    packet = (scenario or {}).get("acoustics", {}).get("packet")
+    if packet is not None and "packet_form" in model.model_fields:
+        own.setdefault("packet_form", packet)
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:
@@ -200,8 +303,11 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
         raise NavigatorError(_one_line(name, model, invalid)) from None
 
 
-def build(name: str, context: Context, options: DriftOptions, chart: _native.Chart | None) -> Navigator:
-    """A packaged navigator for one vehicle; `chart` is `native_chart(context.chart)`, shared by the team."""
+def build(
+    name: str, context: Context, options: Options, chart: _native.Chart | None
+) -> Navigator | TeamEstimator:
+    """A packaged navigator for one vehicle, or a centralised one for all; `chart` is `native_chart(context.chart)`,
+    shared by the team."""
     length = 0.0 if context.chart is None else context.chart.correlation_length_m
     return _spec(name).make(context, options.native(length), chart)
 
@@ -224,6 +330,11 @@ def native_chart(chart: Chart) -> _native.Chart:
     )
 
 
+def not_realisable(names: Iterable[str]) -> set[str]:
+    """Those of the names that are packaged navigators which are told what no vehicle can know."""
+    return {name for name in names if name in NAVIGATORS and not NAVIGATORS[name].realisable}
+
+
 def _spec(name: str) -> Spec:
     if name not in NAVIGATORS:
         raise NavigatorError(f"navigator {name!r} is unknown{_nearest(name, NAVIGATORS)}")
@@ -235,7 +346,7 @@ def _nearest(name: str, known: Any) -> str:
     return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(sorted(known))}"
 
 
-def _one_line(name: str, model: type[DriftOptions], invalid: ValidationError) -> str:
+def _one_line(name: str, model: type[Options], invalid: ValidationError) -> str:
     error = invalid.errors()[0]
     option = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":

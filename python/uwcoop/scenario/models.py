@@ -50,7 +50,8 @@ class Scenario(Table):
     """Of the mission, unless the caller gives another."""
     duration_s: Positive
     """Whole seconds: the world moves in steps of one."""
-    chart: ChartSpec
+    chart: ChartSpec | None = None
+    """The seabed; None: there is none, for vehicles that navigate without it."""
     vehicles: Vehicles
     drift: Drift = Field(default_factory=lambda: Drift.model_validate({}))
     current: Current = NoCurrent()
@@ -60,6 +61,8 @@ class Scenario(Table):
     acoustics: Acoustics
     metrics: Metrics = Metrics()
     diagnostics: Diagnostics = Diagnostics()
+    navigators: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Which packaged navigators take part when nobody is asked for; empty: all for terrain that fit the modem."""
     navigator: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Options for navigators by name; the navigators check them."""
 

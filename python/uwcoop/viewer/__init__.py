@@ -32,7 +32,7 @@ def write_replay(
     tracks: xr.Dataset,
     packets: Mapping[str, NDArray[Any]],
     clouds: xr.Dataset | None,
-    chart: Chart,
+    chart: Chart | None,
     log: MissionLog,
 ) -> None:
     """Write the mission as a Rerun recording with a layout; the file appears whole or not at all.
@@ -55,7 +55,7 @@ def write_replay(
     try:
         stage = Stage.of(tracks, chart, log)
         recording = rr.RecordingStream("uwcoop")
-        recording.save(partial, default_blueprint=blueprint(stage, tracks, packets, chart, clouds))
+        recording.save(partial, default_blueprint=blueprint(stage, tracks, packets, clouds))
         recording.send_recording_name(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}")
         scene.send(recording, stage, tracks, chart, clouds)
         traffic.send(recording, stage, packets, log)

@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-    from uwcoop.charts import Chart
-
 STACKED_VEHICLES = 3
 """Up to so many vehicles have their plots above each other; more get a tab each."""
 
@@ -24,7 +22,6 @@ def blueprint(
     stage: Stage,
     tracks: xr.Dataset,
     packets: Mapping[str, NDArray[Any]],
-    chart: Chart,
     clouds: xr.Dataset | None,
 ) -> Any:
     """Layout of the recording."""
@@ -32,7 +29,7 @@ def blueprint(
 
     shown = _most_telling(stage, clouds, packets)
     scenes = rrb.Tabs(
-        *[_scene(stage, navigator, chart) for navigator in stage.navigators],
+        *[_scene(stage, navigator) for navigator in stage.navigators],
         active_tab=shown,
         name="scene",
     )
@@ -77,7 +74,7 @@ def blueprint(
     )
 
 
-def _scene(stage: Stage, navigator: str, chart: Chart) -> Any:
+def _scene(stage: Stage, navigator: str) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -89,7 +86,7 @@ def _scene(stage: Stage, navigator: str, chart: Chart) -> Any:
     )
     trails = [stage.entity(who, v, "trail") for who in ("truth", navigator) for v in stage.vehicles]
     west, east, south, north = stage.window
-    bottom = -stage.exaggeration * chart.depth_range_m[1]
+    bottom = -stage.exaggeration * stage.deepest_m
     # A little nearer than the middle: perspective makes the near half larger.
     centre = np.array([(west + east) / 2, (south + north) / 2 - 0.1 * stage.span_m, bottom])
     eye = centre + stage.span_m * np.array([0.16, -0.8, 0.85])

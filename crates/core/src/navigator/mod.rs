@@ -4,6 +4,7 @@ pub mod common;
 pub mod dead_reckoning;
 pub mod dmpf;
 pub mod mpf;
+pub mod origin;
 pub mod range;
 pub mod sealed;
 pub mod team;
@@ -119,6 +120,12 @@ pub trait Navigator: Send {
     fn particles(&self) -> Option<Particles> {
         None
     }
+
+    /// What else the method can say of itself now, by name with unit (`origin_age_s`): a column each in the record.
+    /// Counts start at 0; what does not apply yet is NaN.
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
 }
 
 /// A centralised reference: fed the events of the whole team, transmits nothing.
@@ -132,8 +139,19 @@ pub trait TeamEstimator: Send {
     /// The belief about one vehicle.
     fn estimate(&self, vehicle: VehicleId, t_ns: i64) -> Estimate;
 
+    /// A slot of `vehicle` begins at `tol_ns`: the ranges that follow are to where it is now. False: it keeps silent.
+    ///
+    /// # Errors
+    /// An unknown vehicle, or a time in its past. Nothing has changed then.
+    fn launch(&mut self, vehicle: VehicleId, tol_ns: i64) -> Result<bool, Error>;
+
     /// Bytes of the packet that a slot is assumed to carry, for loss and air time.
     fn assumed_packet_bytes(&self) -> usize;
+
+    /// As [`Navigator::diagnostics`], about one vehicle.
+    fn diagnostics(&self, _vehicle: VehicleId) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
 
     /// As [`Navigator::snapshot`].
     ///

@@ -65,6 +65,12 @@ pub enum PacketError {
         /// Variance of northing, m².
         nn: f64,
     },
+    /// A matrix that must be positive definite and is not.
+    #[error("{field} is not positive definite")]
+    NotPositiveDefinite {
+        /// What the field holds.
+        field: &'static str,
+    },
     /// The packet ends inside a field.
     #[error("packet ends inside {field}: {needed_bits} bits needed, {left_bits} left")]
     Truncated {

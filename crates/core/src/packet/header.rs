@@ -36,6 +36,20 @@ pub enum PacketKind {
     TeamFix,
     /// 7: the same as `f64`.
     TeamF64,
+    /// 8: a node of a pose graph in float64, [`GraphMessage`](super::graph::GraphMessage).
+    GraphF64,
+    /// 9: the same, rounded for 32 bytes.
+    Graph32,
+    /// 10: the same, rounded for 64 bytes.
+    Graph64,
+    /// 11: the same, rounded for 256 bytes.
+    Graph256,
+    /// 12: only what the sender received, [`GraphMessage`](super::graph::GraphMessage).
+    Acknowledgement,
+    /// 13: delta information, [`DeltaMessage`](super::graph::DeltaMessage).
+    GraphDelta,
+    /// 14: a bank of beliefs, each with those whose information is in it, [`BankPacket`](super::BankPacket).
+    Bank,
 }
 
 impl PacketKind {
@@ -50,6 +64,13 @@ impl PacketKind {
             Self::Team => 5,
             Self::TeamFix => 6,
             Self::TeamF64 => 7,
+            Self::GraphF64 => 8,
+            Self::Graph32 => 9,
+            Self::Graph64 => 10,
+            Self::Graph256 => 11,
+            Self::Acknowledgement => 12,
+            Self::GraphDelta => 13,
+            Self::Bank => 14,
         }
     }
 
@@ -62,6 +83,13 @@ impl PacketKind {
             5 => Ok(Self::Team),
             6 => Ok(Self::TeamFix),
             7 => Ok(Self::TeamF64),
+            8 => Ok(Self::GraphF64),
+            9 => Ok(Self::Graph32),
+            10 => Ok(Self::Graph64),
+            11 => Ok(Self::Graph256),
+            12 => Ok(Self::Acknowledgement),
+            13 => Ok(Self::GraphDelta),
+            14 => Ok(Self::Bank),
             _ => Err(PacketError::InvalidCode { field: KIND.name, code }),
         }
     }
@@ -138,6 +166,13 @@ pub struct Header {
 }
 
 impl Header {
+    /// A depth as it arrives: rounded to the header's steps, 0 to 102.3 m.
+    #[must_use]
+    pub fn carried_depth_m(depth_m: f64) -> f64 {
+        let most = DEPTH.decode((1 << DEPTH.bits) - 1);
+        DEPTH.encode(depth_m.clamp(0.0, most)).map_or(f64::NAN, |steps| DEPTH.decode(steps))
+    }
+
     /// Bits of a header with a bitmap of `heard_bits`.
     #[must_use]
     pub const fn bits(heard_bits: u32) -> u32 {

@@ -29,11 +29,14 @@
 //! [`Sealed`](crate::navigator::sealed::Sealed) puts a [`link::Authenticator`](crate::link::Authenticator) around any
 //! navigator, no layout knows of it, and a tag of n bytes costs n − [`SEAL_BYTES`].
 
+mod bank;
 mod belief;
 mod bits;
 mod cloud;
 mod error;
 mod field;
+pub mod graph;
+mod graph_rounded;
 mod header;
 pub mod layout;
 mod mixture;
@@ -42,6 +45,7 @@ mod team;
 mod tests;
 mod uncertainty;
 
+pub use bank::{BankPacket, Member, Origins};
 pub use belief::{BELIEF_BYTES, BELIEF_F64_BYTES, Belief, BeliefPacket};
 pub use bits::{BitReader, BitWriter};
 pub use cloud::CloudPacket;

@@ -53,7 +53,10 @@ impl Team {
             Self::Each(navigators) => {
                 Self::each(navigators, slot.sender)?.transmit(slot.tol_ns, slot.capacity_bytes)
             }
-            Self::Central(_) => Ok(Some(Arc::new([]))),
+            Self::Central(team) => {
+                let speaks = team.launch(slot.sender, slot.tol_ns)?;
+                Ok(speaks.then(|| Arc::from([].as_slice())))
+            }
         }
     }
 
@@ -81,6 +84,15 @@ impl Team {
         match self {
             Self::Each(navigators) => navigators[vehicle].particles(),
             Self::Central(_) => None,
+        }
+    }
+
+    /// What the method says of itself at one vehicle.
+    #[must_use]
+    pub fn diagnostics(&self, vehicle: usize) -> Vec<(&'static str, f64)> {
+        match self {
+            Self::Each(navigators) => navigators[vehicle].diagnostics(),
+            Self::Central(team) => team.diagnostics(vehicle as VehicleId),
         }
     }
 

@@ -1,0 +1,341 @@
+//! A client's copy of a server's pose graph, rebuilt from the packets that arrive.
+
+use serde::{Deserialize, Serialize};
+
+use super::reconstruct::{
+    exact_delta, filtered, filtered_error_step, filtered_error_transition, health, loss, origin_delta,
+};
+use super::{Chain, Gaussian, Information, NODE, Node, NodeMatrix, Step, symmetrized};
+use crate::error::Error;
+
+/// Nodes that a server or a client keeps at most: the origin and the newest ones.
+pub const NODES_MAX: usize = 64;
+
+/// What a packet says of its newest node and the origin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "lives on the stack while one packet is read")]
+pub enum Tie {
+    /// The newest node is the origin: there is nothing before it.
+    Begin,
+    /// The joint marginal over (newest, origin), exact.
+    Joint(Information<8>),
+    /// Σ_{newest, origin} times L⁻ᵀ, where L Lᵀ is what was known of the origin at its launch.
+    Correlation(NodeMatrix),
+}
+
+/// What a packet says of its newest node and an earlier one, exactly.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[allow(clippy::large_enum_variant, reason = "lives on the stack while one packet is read")]
+pub enum Lag {
+    /// Their joint marginal.
+    Joint(Information<8>),
+    /// The step between them, for who holds the earlier one as it was sent.
+    Step(Step),
+}
+
+/// A server's packet, decoded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GraphPacket {
+    /// Newest node, with its filtered Gaussian.
+    pub node: Node,
+    /// The origin's id.
+    pub origin: u64,
+    /// Newest node and origin.
+    pub tie: Tie,
+    /// Exact ties with earlier nodes, by id.
+    pub lags: Vec<(u64, Lag)>,
+}
+
+/// How a step was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Method {
+    /// First packet of this server.
+    Begun,
+    /// The packet holds the exact joint with the client's newest node.
+    ExactJoint,
+    /// Equation (6).
+    Equation6,
+    /// The filtered-error model.
+    FilteredError,
+}
+
+/// Which methods a client may use.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Methods {
+    /// Exact joints with the client's newest node.
+    pub joint: bool,
+    /// Equation (6), where healthy.
+    pub equation_6: bool,
+    /// Largest [`loss`] at which it is.
+    pub loss_max: f64,
+}
+
+/// A packet as the replica would take it: nothing has changed yet.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// How the step was found.
+    pub method: Method,
+    /// From the client's newest node to the packet's; for [`Method::Begun`] without meaning.
+    pub step: Step,
+    /// The packet's node.
+    pub node: Node,
+    begun: Option<(Node, Step)>,
+    origin: u64,
+    joint: Option<Information<8>>,
+    cross: Option<NodeMatrix>,
+    exact: bool,
+}
+
+/// What a replica remembers of a node beside the chain.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Memory {
+    /// The joint marginal with an origin, as it was sent.
+    joint: Option<(u64, Information<8>)>,
+    /// What correlates its filtered error with the anchor's; `None` when not known.
+    cross: Option<NodeMatrix>,
+    /// Whether the step that leads to it is the server's own, but for rounding.
+    exact: bool,
+}
+
+/// A server's graph at one client.
+///
+/// The client holds the server's nodes that it received, those that were lost being marginalised out. Nothing that the
+/// client measured ever enters.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Replica {
+    chain: Chain,
+    memories: Vec<Memory>,
+    /// The node that all `cross` refer to.
+    anchor: Option<u64>,
+    /// Whether correlations are scaled by Cholesky factors (of packets that hold no joint).
+    scaled: bool,
+}
+
+impl Replica {
+    /// An empty replica. `scaled`: packets hold [`Tie::Correlation`] (and never a joint), by Cholesky factors.
+    #[must_use]
+    pub fn new(scaled: bool) -> Self {
+        Self { scaled, ..Self::default() }
+    }
+
+    /// The node that the replica takes for the origin of a packet whose origin has these eight bits, if it knows one.
+    #[must_use]
+    pub fn origin_like(&self, residue: u64) -> Option<u64> {
+        let like = |id: &u64| id & 0xFF == residue & 0xFF;
+        let mut held = self.chain.nodes().iter().map(|node| node.id);
+        self.anchor.filter(like).or_else(|| held.find(like))
+    }
+
+    /// The graph.
+    #[must_use]
+    pub fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// What to do with a packet; `None` when it cannot be joined to what is held (an unknown origin, an old packet).
+    ///
+    /// # Errors
+    /// A packet whose matrices are none that a graph can have.
+    pub fn plan(&self, packet: &GraphPacket, methods: &Methods) -> Result<Option<Plan>, Error> {
+        let Some(newest) = self.chain.newest() else { return self.begin(packet).map(Some) };
+        if packet.node.id <= newest.id {
+            return Ok(None);
+        }
+        let (joint, cross) = self.tied(packet)?;
+        let plan = |method, step, exact| Plan {
+            method,
+            step,
+            node: packet.node,
+            begun: None,
+            origin: packet.origin,
+            joint,
+            cross,
+            exact,
+        };
+        if methods.joint
+            && let Some(step) = self.exact_step(packet, joint.as_ref())?
+        {
+            return Ok(Some(plan(Method::ExactJoint, step, true)));
+        }
+        if methods.equation_6
+            && let Some(packet_joint) = &joint
+            && let Some(known) = self.joint_with(packet.origin)
+            && loss(health(&known, packet_joint)) <= methods.loss_max
+        {
+            // What D hides from its own indicator shows here; the filtered-error model is still there then.
+            let solved = origin_delta(&known, packet_joint)
+                .and_then(|solved| Step::from_information(&solved.delta, &newest.filtered));
+            if let Ok(step) = solved {
+                return Ok(Some(plan(Method::Equation6, step, true)));
+            }
+        }
+        let (Some(later), Some(earlier)) = (cross, self.cross_of_newest(packet.origin)) else {
+            return Ok(None);
+        };
+        let Ok(transition) = filtered_error_transition(&earlier, &later) else { return Ok(None) };
+        let step = filtered_error_step(&newest.filtered, &packet.node.filtered, &transition)?;
+        Ok(Some(plan(Method::FilteredError, step, false)))
+    }
+
+    /// Takes a plan that [`Replica::plan`] made of this very replica.
+    pub fn commit(&mut self, plan: &Plan) {
+        if let Some((origin, step)) = plan.begun {
+            self.anchor = Some(plan.origin);
+            self.chain.begin(origin);
+            if origin.id != plan.node.id {
+                self.memories.push(Memory { joint: None, cross: None, exact: true });
+                self.chain.push(step, plan.node);
+            }
+        } else {
+            self.re_anchor(plan.origin);
+            self.chain.push(plan.step, plan.node);
+        }
+        let joint = plan.joint.map(|joint| (plan.origin, joint));
+        self.memories.push(Memory { joint, cross: plan.cross, exact: plan.exact });
+        self.prune(plan.origin);
+    }
+
+    /// Nodes before the origin are not asked for again; beyond [`NODES_MAX`] the oldest but the origin go.
+    fn prune(&mut self, origin: u64) {
+        if self.chain.place(origin).is_some() {
+            self.chain.forget_before(origin);
+        }
+        let gone = self.memories.len() - self.chain.nodes().len();
+        self.memories.drain(..gone);
+        while self.chain.nodes().len() > NODES_MAX {
+            if self.chain.marginalize(1).is_err() {
+                // Without its oldest node a graph is smaller and as right.
+                let second = self.chain.nodes()[1].id;
+                self.chain.forget_before(second);
+                self.memories.remove(0);
+                continue;
+            }
+            let merged = self.memories.remove(1);
+            if let Some(next) = self.memories.get_mut(1) {
+                next.exact &= merged.exact;
+            }
+        }
+    }
+
+    /// The first packet of a server: its newest node, and the origin before it where the packet holds their joint.
+    fn begin(&self, packet: &GraphPacket) -> Result<Plan, Error> {
+        let mut plan = Plan {
+            method: Method::Begun,
+            step: Step::identity(),
+            node: packet.node,
+            begun: Some((packet.node, Step::identity())),
+            origin: packet.origin,
+            joint: None,
+            cross: None,
+            exact: true,
+        };
+        match packet.tie {
+            Tie::Begin => plan.cross = self.own_cross(&packet.node),
+            Tie::Correlation(cross) => plan.cross = Some(cross),
+            Tie::Joint(joint) => {
+                let moments = joint.gaussian()?;
+                let marginal = Gaussian {
+                    mean: moments.mean.fixed_rows::<NODE>(4).into_owned(),
+                    covariance: symmetrized(&moments.covariance.fixed_view::<NODE, NODE>(4, 4).into_owned()),
+                };
+                let step = Step::from_information(&exact_delta(&joint, &marginal)?, &marginal)?;
+                let origin = Node { id: packet.origin, tol_ns: i64::MIN, filtered: marginal };
+                plan.begun = Some((origin, step));
+                plan.joint = Some(joint);
+                plan.cross = Some(filtered(&joint)?.1);
+            }
+        }
+        Ok(plan)
+    }
+
+    /// The packet's joint with its origin, and the correlation of the filtered errors.
+    fn tied(&self, packet: &GraphPacket) -> Result<(Option<Information<8>>, Option<NodeMatrix>), Error> {
+        match packet.tie {
+            Tie::Begin => Ok((None, None)),
+            Tie::Joint(joint) => Ok((Some(joint), Some(filtered(&joint)?.1))),
+            Tie::Correlation(cross) => Ok((None, Some(cross))),
+        }
+    }
+
+    /// Where the packet holds the exact joint with the newest node, as a lag or as the origin.
+    fn exact_step(
+        &self,
+        packet: &GraphPacket,
+        joint: Option<&Information<8>>,
+    ) -> Result<Option<Step>, Error> {
+        let Some(newest) = self.chain.newest() else { return Ok(None) };
+        let of_joint = |joint: &Information<8>| {
+            Step::from_information(&exact_delta(joint, &newest.filtered)?, &newest.filtered)
+        };
+        match packet.lags.iter().find(|(id, _)| *id == newest.id) {
+            Some((_, Lag::Joint(joint))) => return of_joint(joint).map(Some),
+            Some((_, Lag::Step(step))) => return Ok(Some(*step)),
+            None => {}
+        }
+        match joint {
+            Some(joint) if packet.origin == newest.id => of_joint(joint).map(Some),
+            _ => Ok(None),
+        }
+    }
+
+    /// Λᶜ over (newest, origin): the newest packet itself if it had this origin, else from the graph if that is exact.
+    fn joint_with(&self, origin: u64) -> Option<Information<8>> {
+        let memory = self.memories.last()?;
+        if let Some((its_origin, joint)) = memory.joint
+            && its_origin == origin
+        {
+            return Some(joint);
+        }
+        let place = self.chain.place(origin)?;
+        let last = self.memories.len() - 1;
+        if place == last || !self.memories[place + 1..].iter().all(|memory| memory.exact) {
+            return None;
+        }
+        self.chain.joint_marginal(place, last).ok()
+    }
+
+    /// The newest node's correlation with `origin`, in the scale that packets with this origin use.
+    fn cross_of_newest(&self, origin: u64) -> Option<NodeMatrix> {
+        let last = self.memories.len().checked_sub(1)?;
+        if self.anchor == Some(origin) {
+            return self.memories[last].cross;
+        }
+        self.crosses_by(self.chain.place(origin)?).last().copied().flatten()
+    }
+
+    /// Correlations of all nodes with the one at `place`, as [`Replica::anchor`] would have them there.
+    fn crosses_by(&self, place: usize) -> Vec<Option<NodeMatrix>> {
+        let own = self.own_cross(&self.chain.nodes()[place]);
+        let inverse = self.memories[place].cross.and_then(|cross| {
+            let scale = cross.amax();
+            (cross / scale).try_inverse().map(|inverse| inverse / scale)
+        });
+        (0..self.memories.len())
+            .map(|k| {
+                if k == place {
+                    return own;
+                }
+                let moved = self.memories[k].cross? * inverse? * own?;
+                (k > place && moved.iter().all(|value| value.is_finite())).then_some(moved)
+            })
+            .collect()
+    }
+
+    /// What a node's correlation with itself is: its covariance, or the factor of it.
+    fn own_cross(&self, node: &Node) -> Option<NodeMatrix> {
+        let covariance = node.filtered.covariance;
+        if self.scaled { Some(covariance.cholesky()?.l()) } else { Some(covariance) }
+    }
+
+    fn re_anchor(&mut self, origin: u64) {
+        if self.anchor == Some(origin) {
+            return;
+        }
+        let Some(place) = self.chain.place(origin) else { return };
+        let crosses = self.crosses_by(place);
+        for (memory, cross) in self.memories.iter_mut().zip(crosses) {
+            memory.cross = cross;
+        }
+        self.anchor = Some(origin);
+    }
+}

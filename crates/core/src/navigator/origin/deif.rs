@@ -1,0 +1,330 @@
+//! DEIF: delta information from one node to the next (Webster et al. 2010; Walls & Eustice 2012, section 3).
+//!
+//! As published, the server must be told what arrives: a delta since a node that the client lacks is of no use to it.
+//! `deif-redundant` repeats the last deltas in each packet instead, and goes deaf for good when more are lost in a row.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::local::{LocalOptions, Range, check_local_event, estimate};
+use super::server::{Launch, Server};
+use super::team::{News, TeamFilter};
+use crate::error::{Error, positive};
+use crate::event::{Event, Payload, VehicleId};
+use crate::information::{Gaussian, NODE, Step};
+use crate::link::ReceiveWindow;
+use crate::navigator::common::{load, save};
+use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::packet::graph::DeltaMessage;
+
+/// How a client comes by the deltas of lost packets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Repair {
+    /// The server is told what arrived, and sends the delta since that.
+    Oracle,
+    /// Each packet holds so many deltas.
+    Repeat(usize),
+}
+
+/// A server's newest node at the client: its counter, and the server's own belief about it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Peer {
+    window: ReceiveWindow,
+    newest: Option<(u64, Gaussian<NODE>)>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Core {
+    server: Server,
+    /// The launch that the client is known to hold.
+    delivered: Option<u64>,
+    team: TeamFilter,
+    peers: Vec<Peer>,
+    rejected: u64,
+    missed: u64,
+}
+
+/// The navigators `deif` and `deif-redundant`.
+pub struct Deif {
+    own: VehicleId,
+    ranging: Vec<bool>,
+    options: LocalOptions,
+    repair: Repair,
+    sound_speed_mps: f64,
+    core: Core,
+}
+
+impl Deif {
+    /// A navigator for vehicle `own`; `ranging` says by vehicle whether it uses ranges.
+    ///
+    /// # Errors
+    /// [`Error::OutOfBound`] unless exactly one vehicle does: the method is one-way. [`Error::UnknownVehicle`], and options
+    /// outside their bounds.
+    pub fn new(
+        own: VehicleId,
+        ranging: &[bool],
+        options: LocalOptions,
+        repair: Repair,
+        sound_speed_mps: f64,
+    ) -> Result<Self, Error> {
+        positive("sound_speed_mps", sound_speed_mps)?;
+        if usize::from(own) >= ranging.len() {
+            return Err(Error::UnknownVehicle { vehicle: own, count: ranging.len() });
+        }
+        let clients = ranging.iter().filter(|ranging| **ranging).count();
+        if clients != 1 {
+            return Err(Error::OutOfBound {
+                quantity: "vehicles that fuse ranges (the DEIF is one-way: fuses_ranges = false for all others)",
+                value: clients as f64,
+                bound: "1",
+            });
+        }
+        let peer = || Peer { window: ReceiveWindow::new(), newest: None };
+        let core = Core {
+            server: Server::new(options, &vec![false; ranging.len()], 1)?,
+            delivered: None,
+            team: TeamFilter::new(options, ranging.len()),
+            peers: ranging.iter().map(|_| peer()).collect(),
+            rejected: 0,
+            missed: 0,
+        };
+        Ok(Self { own, ranging: ranging.to_vec(), options, repair, sound_speed_mps, core })
+    }
+
+    fn is_client(&self) -> bool {
+        self.ranging[usize::from(self.own)]
+    }
+
+    fn process_noise(&self) -> f64 {
+        self.core.server.filter.sensors.process_noise_m2_per_s3(&self.options)
+    }
+
+    fn reject(&mut self) -> Outcome {
+        self.core.rejected += 1;
+        Outcome::Rejected
+    }
+
+    /// The packet of a launch: deltas back to what the client holds, or as many as a packet repeats.
+    fn message(&self, launch: &Launch) -> Result<DeltaMessage, Error> {
+        let server = &self.core.server;
+        let id = launch.node.id;
+        let mut message = DeltaMessage {
+            sequence: server.sequencer.residue(),
+            depth_m: server.filter.sensors.depth_m(),
+            base_age: 0,
+            first: None,
+            deltas: Vec::new(),
+        };
+        match self.repair {
+            Repair::Oracle => match self.core.delivered {
+                Some(base) => {
+                    let age = id.saturating_sub(base);
+                    message.base_age = u8::try_from(age).map_err(|_| Error::OutOfBound {
+                        quantity: "transmissions since the last one that arrived",
+                        value: age as f64,
+                        bound: "1 to 255",
+                    })?;
+                    if let Some(step) = server.step_from(launch, base)? {
+                        message.deltas.push(step.information()?);
+                    }
+                }
+                None => message.first = Some(launch.node.filtered.information()?),
+            },
+            Repair::Repeat(repeats) => {
+                message.base_age = u8::from(id > 0);
+                let nodes = server.chain().nodes();
+                if let Some(last) = nodes.last()
+                    && let Some(step) = server.step_from(launch, last.id)?
+                {
+                    message.deltas.push(step.information()?);
+                }
+                for later in (1..nodes.len()).rev().take(repeats - 1) {
+                    message.deltas.push(server.chain().between(later - 1, later)?.information()?);
+                }
+                if id < repeats as u64 {
+                    let first = nodes.first().unwrap_or(&launch.node);
+                    message.first = Some(first.filtered.information()?);
+                }
+            }
+        }
+        Ok(message)
+    }
+
+    /// From the newest node held to the packet's, or the first one; `None` when deltas in between are missing.
+    fn news(
+        &self,
+        sender: VehicleId,
+        counter: u64,
+        message: &DeltaMessage,
+    ) -> Result<Option<(News, Gaussian<NODE>)>, Error> {
+        let (start, begun, missing) = match self.core.peers[usize::from(sender)].newest {
+            Some((held, gaussian)) => {
+                let age = counter.saturating_sub(held);
+                let steps = if u64::from(message.base_age) == age { 1 } else { age as usize };
+                if steps > 1 && message.base_age != 1 {
+                    return Ok(None);
+                }
+                (gaussian, false, steps)
+            }
+            None => match &message.first {
+                Some(first) => (first.gaussian()?, true, message.deltas.len()),
+                None => return Ok(None),
+            },
+        };
+        let Some(deltas) = message.deltas.get(..missing) else { return Ok(None) };
+        let (mut all, mut node) = (Step::identity(), start);
+        for delta in deltas.iter().rev() {
+            let step = Step::from_information(delta, &node)?;
+            node = step.apply(&node)?;
+            all = all.then(&step)?;
+        }
+        Ok(Some((if begun { News::First(node) } else { News::Step(all) }, node)))
+    }
+
+    fn receive(
+        &mut self,
+        sender: VehicleId,
+        tol_ns: i64,
+        toa_ns: i64,
+        bytes: &[u8],
+    ) -> Result<Outcome, Error> {
+        let window = &self.core.peers[usize::from(sender)].window;
+        let Ok(message) = DeltaMessage::decode(bytes, sender, tol_ns) else { return Ok(self.reject()) };
+        let Ok(admission) = window.check(message.sequence, tol_ns) else { return Ok(self.reject()) };
+        if window.newest().is_some_and(|newest| newest.tol_ns >= tol_ns) {
+            return Ok(self.reject());
+        }
+        if !self.is_client() {
+            return Ok(Outcome::Noted);
+        }
+        let depth_m = self.core.server.filter.sensors.depth_m();
+        let range = Range::measured(
+            tol_ns,
+            toa_ns,
+            self.sound_speed_mps,
+            depth_m,
+            message.depth_m,
+            self.options.sigma_range_m,
+        );
+        let Ok(range) = range else { return Ok(self.reject()) };
+        let (news, node) = match self.news(sender, admission.counter, &message) {
+            Ok(Some(found)) => found,
+            Ok(None) => {
+                self.core.missed += 1;
+                return Ok(self.reject());
+            }
+            Err(_) => return Ok(self.reject()),
+        };
+        match self.core.team.hear(sender, news, range, toa_ns, self.process_noise()) {
+            Ok(Outcome::Fused) => {}
+            Ok(_) => {
+                // The server takes a packet that arrived for one that is held: its delta must not be lost with the range.
+                let held = self.core.team.hear(sender, news, None, toa_ns, self.process_noise());
+                if held != Ok(Outcome::Fused) {
+                    return Ok(self.reject());
+                }
+                self.core.rejected += 1;
+            }
+            Err(_) => return Ok(self.reject()),
+        }
+        let peer = &mut self.core.peers[usize::from(sender)];
+        peer.window.commit(admission)?;
+        peer.newest = Some((admission.counter, node));
+        Ok(Outcome::Fused)
+    }
+
+    /// Word that a packet arrived at the client.
+    fn delivered(&mut self, tol_ns: i64, to: VehicleId) -> Outcome {
+        let nodes = self.core.server.chain().nodes();
+        let node = nodes.iter().find(|node| node.tol_ns == tol_ns).map(|node| node.id);
+        let Some(id) = node.filter(|_| self.ranging.get(usize::from(to)) == Some(&true)) else {
+            return Outcome::Noted;
+        };
+        self.core.delivered = Some(id);
+        self.core.server.forget_before(id);
+        Outcome::Noted
+    }
+}
+
+impl Navigator for Deif {
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_local_event(event, self.own, self.core.server.filter.now_ns)?;
+        match &event.payload {
+            Payload::Reception { sender, .. } if *sender == self.own => {
+                Err(Error::WrongVehicle { event: *sender, own: self.own })
+            }
+            Payload::Reception { sender, .. } if usize::from(*sender) >= self.ranging.len() => {
+                Err(Error::UnknownVehicle { vehicle: *sender, count: self.ranging.len() })
+            }
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                let outcome = self.receive(*sender, *tol_ns, *toa_ns, bytes)?;
+                self.core.server.filter.now_ns = Some(event.t_ns);
+                Ok(outcome)
+            }
+            Payload::Delivered { tol_ns, to } => {
+                self.core.server.filter.now_ns = Some(event.t_ns);
+                Ok(self.delivered(*tol_ns, *to))
+            }
+            payload => {
+                let mut server = self.core.server.clone();
+                let (outcome, fused) = server.sense(event.t_ns, payload)?;
+                if let Some(fused) = fused {
+                    self.core.team.sense(event.t_ns, &fused)?;
+                }
+                self.core.server = server;
+                Ok(outcome)
+            }
+        }
+    }
+
+    fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
+        let server = &self.core.server;
+        if let Some(now_ns) = server.filter.now_ns.filter(|now_ns| tol_ns < *now_ns) {
+            return Err(Error::FromThePast { event_ns: tol_ns, now_ns });
+        }
+        if self.is_client() {
+            return Ok(None);
+        }
+        let Some(launch) = server.prepare(tol_ns) else { return Ok(None) };
+        let bytes = self.message(&launch)?.encode(self.own, tol_ns)?;
+        if bytes.len() > capacity_bytes {
+            return Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes });
+        }
+        let server = &mut self.core.server;
+        server.launch(&launch)?;
+        if let Repair::Repeat(repeats) = self.repair {
+            server.forget_before((launch.node.id + 1).saturating_sub(repeats as u64));
+        }
+        Ok(Some(bytes.into()))
+    }
+
+    fn estimate(&self, t_ns: i64) -> Estimate {
+        let node = self.core.team.own_at(t_ns, self.process_noise());
+        estimate(node.as_ref(), t_ns, self.core.rejected + self.core.server.filter.rejected)
+    }
+
+    fn snapshot(&self) -> Result<Vec<u8>, Error> {
+        save(&self.core)
+    }
+
+    fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
+        let core: Core = load(snapshot)?;
+        if core.peers.len() != self.ranging.len() {
+            return Err(Error::Snapshot("made with another team".into()));
+        }
+        self.core = core;
+        Ok(())
+    }
+
+    fn needs_delivery_oracle(&self) -> bool {
+        self.repair == Repair::Oracle
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        vec![
+            ("graph_nodes", self.core.server.chain().nodes().len() as f64),
+            ("missed_deltas", self.core.missed as f64),
+        ]
+    }
+}

@@ -1,0 +1,337 @@
+//! MDEIF: the origin-state method (Walls & Eustice 2012, section 4), for teams of any size over a lossy channel.
+//!
+//! ```text
+//! own sensors ─► server: local-only graph ─► packets            team filter: own state, each peer's newest node
+//!            └──────────────────────────────────────────────────────▲                    ▲
+//! packets ─► replica of the sender's graph ─► delta since its newest node held ──────────┤
+//!        └─► travel time ─► range, used once, here, and never sent on ───────────────────┘
+//! ```
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::local::{LocalOptions, Range, check_local_event, estimate};
+use super::server::{Launch, Server};
+use super::team::{News, TeamFilter};
+use crate::error::{Error, positive};
+use crate::event::{Event, Payload, VehicleId};
+use crate::information::replica::{GraphPacket, Method, Methods, Plan, Replica};
+use crate::link::{AckBitmap, Admission, ReceiveWindow};
+use crate::navigator::common::{load, save, seconds};
+use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
+
+/// Options of [`Mdeif`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MdeifOptions {
+    /// Own sensors and ranges.
+    pub local: LocalOptions,
+    /// Layout of the packets.
+    pub form: GraphForm,
+    /// With how many of the last transmissions a float64 packet holds the exact joint.
+    pub exact_lags: usize,
+    /// What a client may use.
+    pub methods: Methods,
+}
+
+/// What a client keeps of a peer whose packets it uses.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Peer {
+    window: ReceiveWindow,
+    replica: Replica,
+    received: AckBitmap,
+}
+
+/// How packets were taken.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+struct Counts {
+    begun: u64,
+    exact_joint: u64,
+    equation_6: u64,
+    filtered_error: u64,
+    unknown_origin: u64,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Core {
+    server: Server,
+    team: TeamFilter,
+    /// By vehicle; of this one without use.
+    peers: Vec<Peer>,
+    rejected: u64,
+    counts: Counts,
+}
+
+/// The navigator `mdeif`.
+pub struct Mdeif {
+    own: VehicleId,
+    /// By vehicle, whether it uses ranges.
+    ranging: Vec<bool>,
+    options: MdeifOptions,
+    sound_speed_mps: f64,
+    core: Core,
+}
+
+impl Mdeif {
+    /// A navigator for vehicle `own`; `ranging` says by vehicle whether it uses ranges. One that does not (a ship with
+    /// GPS) still reads what packets acknowledge.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVehicle`], and options outside their bounds.
+    pub fn new(
+        own: VehicleId,
+        ranging: &[bool],
+        options: MdeifOptions,
+        sound_speed_mps: f64,
+    ) -> Result<Self, Error> {
+        positive("sound_speed_mps", sound_speed_mps)?;
+        if usize::from(own) >= ranging.len() {
+            return Err(Error::UnknownVehicle { vehicle: own, count: ranging.len() });
+        }
+        let mut clients = ranging.to_vec();
+        clients[usize::from(own)] = false;
+        let acknowledged = options.form.acknowledged();
+        let peer = || -> Result<Peer, Error> {
+            Ok(Peer {
+                window: ReceiveWindow::new(),
+                replica: Replica::new(options.form != GraphForm::F64),
+                received: AckBitmap::new(acknowledged)?,
+            })
+        };
+        let core = Core {
+            server: Server::new(options.local, &clients, acknowledged)?,
+            team: TeamFilter::new(options.local, ranging.len()),
+            peers: ranging.iter().map(|_| peer()).collect::<Result<_, _>>()?,
+            rejected: 0,
+            counts: Counts::default(),
+        };
+        Ok(Self { own, ranging: ranging.to_vec(), options, sound_speed_mps, core })
+    }
+
+    fn uses_ranges(&self, vehicle: VehicleId) -> bool {
+        self.ranging.get(usize::from(vehicle)).copied().unwrap_or(false)
+    }
+
+    /// Whether any teammate uses this vehicle's packets.
+    fn has_clients(&self) -> bool {
+        let own = usize::from(self.own);
+        self.ranging.iter().enumerate().any(|(vehicle, ranging)| *ranging && vehicle != own)
+    }
+
+    fn process_noise(&self) -> f64 {
+        let filter = &self.core.server.filter;
+        filter.sensors.process_noise_m2_per_s3(filter.options())
+    }
+
+    fn link(&self, sender: VehicleId, tol_ns: i64) -> GraphLink {
+        let bitmaps = if self.uses_ranges(sender) { self.ranging.len() - 1 } else { 0 };
+        GraphLink { form: self.options.form, sender, tol_ns, bitmaps }
+    }
+
+    fn check_sender(&self, payload: &Payload) -> Result<(), Error> {
+        match payload {
+            Payload::Reception { sender, .. } if *sender == self.own => {
+                Err(Error::WrongVehicle { event: *sender, own: self.own })
+            }
+            Payload::Reception { sender, .. } if usize::from(*sender) >= self.ranging.len() => {
+                Err(Error::UnknownVehicle { vehicle: *sender, count: self.ranging.len() })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn reject(&mut self) -> Outcome {
+        self.core.rejected += 1;
+        Outcome::Rejected
+    }
+
+    /// Reads a packet; `None` when it does not decode or was seen before.
+    fn read(&self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Option<(GraphMessage, Admission)> {
+        let window = &self.core.peers.get(usize::from(sender))?.window;
+        // Place of the bitmap about this vehicle among those about all but the sender.
+        let place = usize::from(self.own) - usize::from(self.own > sender);
+        let counter = |sequence| window.check(sequence, tol_ns).map_or(u64::from(sequence), |a| a.counter);
+        let link = self.link(sender, tol_ns);
+        let last_sent = self.core.server.sequencer.last();
+        let mut message = GraphMessage::decode(bytes, &link, Some(place), last_sent, counter).ok()?;
+        let admission = window.check(message.sequence, tol_ns).ok()?;
+        if let Some(graph) = &mut message.graph
+            && let Some(origin) = self.core.peers[usize::from(sender)].replica.origin_like(graph.origin)
+        {
+            graph.origin = origin;
+        }
+        Some((message, admission))
+    }
+
+    fn receive(
+        &mut self,
+        sender: VehicleId,
+        tol_ns: i64,
+        toa_ns: i64,
+        bytes: &[u8],
+    ) -> Result<Outcome, Error> {
+        let Some((message, admission)) = self.read(sender, tol_ns, bytes) else { return Ok(self.reject()) };
+        let outcome = match message.graph.as_ref().filter(|_| self.uses_ranges(self.own)) {
+            Some(graph) => self.take(sender, graph, &message, tol_ns, toa_ns)?,
+            None => Outcome::Noted,
+        };
+        if matches!(outcome, Outcome::Fused | Outcome::Noted) {
+            let peer = &mut self.core.peers[usize::from(sender)];
+            peer.window.commit(admission)?;
+            if outcome == Outcome::Fused {
+                peer.received.mark(admission.counter);
+            }
+            if let Some(bitmap) = message.bitmaps.first() {
+                self.core.server.acknowledge(sender, bitmap);
+            }
+        }
+        Ok(outcome)
+    }
+
+    /// Joins a packet's graph to the replica and its range to the team filter, both or none.
+    fn take(
+        &mut self,
+        sender: VehicleId,
+        graph: &GraphPacket,
+        message: &GraphMessage,
+        tol_ns: i64,
+        toa_ns: i64,
+    ) -> Result<Outcome, Error> {
+        let own_depth_m = self.core.server.filter.sensors.depth_m();
+        let (local, sound) = (&self.options.local, self.sound_speed_mps);
+        let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, message.depth_m, local.sigma_range_m);
+        let Ok(range) = range else { return Ok(self.reject()) };
+        let replica = &self.core.peers[usize::from(sender)].replica;
+        let plan: Plan = match replica.plan(graph, &self.options.methods) {
+            Ok(Some(plan)) => plan,
+            Ok(None) => {
+                self.core.counts.unknown_origin += 1;
+                return Ok(self.reject());
+            }
+            Err(_) => return Ok(self.reject()),
+        };
+        let news = match plan.method {
+            Method::Begun => News::First(plan.node.filtered),
+            _ => News::Step(plan.step),
+        };
+        let q = self.process_noise();
+        let outcome = match self.core.team.hear(sender, news, range, toa_ns, q) {
+            Ok(Outcome::Fused) => Outcome::Fused,
+            Ok(_) => {
+                self.core.rejected += 1;
+                return Ok(Outcome::Gated);
+            }
+            Err(_) => return Ok(self.reject()),
+        };
+        let counts = &mut self.core.counts;
+        match plan.method {
+            Method::Begun => counts.begun += 1,
+            Method::ExactJoint => counts.exact_joint += 1,
+            Method::Equation6 => counts.equation_6 += 1,
+            Method::FilteredError => counts.filtered_error += 1,
+        }
+        self.core.peers[usize::from(sender)].replica.commit(&plan);
+        Ok(outcome)
+    }
+
+    fn packet(&self, launch: &Launch) -> Result<Option<GraphPacket>, Error> {
+        if !self.has_clients() {
+            return Ok(None);
+        }
+        let server = &self.core.server;
+        match self.options.form {
+            GraphForm::F64 => server.exact_packet(launch, self.options.exact_lags).map(Some),
+            form => server.rounded_packet(launch, form).map(Some),
+        }
+    }
+}
+
+impl Navigator for Mdeif {
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_local_event(event, self.own, self.core.server.filter.now_ns)?;
+        self.check_sender(&event.payload)?;
+        if let Payload::Reception { sender, tol_ns, toa_ns, bytes } = &event.payload {
+            let outcome = self.receive(*sender, *tol_ns, *toa_ns, bytes)?;
+            self.core.server.filter.now_ns = Some(event.t_ns);
+            return Ok(outcome);
+        }
+        let mut server = self.core.server.clone();
+        let (outcome, fused) = server.sense(event.t_ns, &event.payload)?;
+        if let Some(fused) = fused {
+            self.core.team.sense(event.t_ns, &fused)?;
+        }
+        self.core.server = server;
+        Ok(outcome)
+    }
+
+    fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
+        let server = &self.core.server;
+        if let Some(now_ns) = server.filter.now_ns.filter(|now_ns| tol_ns < *now_ns) {
+            return Err(Error::FromThePast { event_ns: tol_ns, now_ns });
+        }
+        let Some(mut launch) = server.prepare(tol_ns) else { return Ok(None) };
+        let graph = self.packet(&launch)?;
+        let bitmaps = if self.uses_ranges(self.own) {
+            let others = self.core.peers.iter().enumerate().filter(|(v, _)| *v != usize::from(self.own));
+            others.map(|(_, peer)| peer.received).collect()
+        } else {
+            Vec::new()
+        };
+        let message = GraphMessage {
+            sequence: server.sequencer.residue(),
+            depth_m: server.filter.sensors.depth_m(),
+            bitmaps,
+            graph,
+        };
+        let bytes = message.encode(&self.link(self.own, tol_ns))?;
+        if bytes.len() > capacity_bytes {
+            return Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes });
+        }
+        match &message.graph {
+            Some(graph) => {
+                // What clients hold of a node is what was sent of it.
+                launch.sent(graph);
+                self.core.server.launch(&launch)?;
+            }
+            None => {
+                self.core.server.sequencer.take()?;
+            }
+        }
+        Ok(Some(bytes.into()))
+    }
+
+    fn estimate(&self, t_ns: i64) -> Estimate {
+        let node = self.core.team.own_at(t_ns, self.process_noise());
+        estimate(node.as_ref(), t_ns, self.core.rejected + self.core.server.filter.rejected)
+    }
+
+    fn snapshot(&self) -> Result<Vec<u8>, Error> {
+        save(&self.core)
+    }
+
+    fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
+        let core: Core = load(snapshot)?;
+        if core.peers.len() != self.ranging.len() {
+            return Err(Error::Snapshot("made with another team".into()));
+        }
+        self.core = core;
+        Ok(())
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let Core { server, counts, .. } = &self.core;
+        let now_ns = server.filter.now_ns.unwrap_or(0);
+        let age = server.origin().map_or(f64::NAN, |node| seconds(now_ns.saturating_sub(node.tol_ns)));
+        vec![
+            ("origin_age_s", age),
+            ("origin_correlation", server.origin_correlation(now_ns)),
+            ("graph_nodes", server.chain().nodes().len() as f64),
+            ("begun", counts.begun as f64),
+            ("exact_joint", counts.exact_joint as f64),
+            ("equation_6", counts.equation_6 as f64),
+            ("filtered_error", counts.filtered_error as f64),
+            ("unknown_origin", counts.unknown_origin as f64),
+        ]
+    }
+}

@@ -1,0 +1,18 @@
+//! Cooperative navigation by exchanged pose graphs (Walls & Eustice 2012) and what it is compared with.
+//!
+//! * [`local`]: own sensors and ranges, as every navigator of this family uses them.
+//! * [`server`]: a vehicle's local-only graph, which it broadcasts.
+//! * [`team`]: the joint filter of the own state and each peer's newest node.
+//! * [`mdeif`], [`deif`]: the navigators.
+//! * [`belief`], [`interleaved`]: references that exchange positions instead of graphs.
+//! * [`graph`], [`central`]: the references that are fed more than a vehicle can know.
+
+pub mod belief;
+pub mod central;
+pub mod deif;
+pub mod graph;
+pub mod interleaved;
+pub mod local;
+pub mod mdeif;
+pub mod server;
+pub mod team;

@@ -1,0 +1,235 @@
+//! A vehicle's local-only graph: what it broadcasts. Own odometry and fixes, never a range.
+
+use serde::{Deserialize, Serialize};
+
+use super::local::{Fused, LocalFilter, LocalOptions};
+use crate::error::Error;
+use crate::event::{Payload, VehicleId};
+use crate::information::chain::joint_of;
+use crate::information::replica::{GraphPacket, Lag, NODES_MAX, Tie};
+use crate::information::{Chain, Gaussian, NODE, Node, NodeMatrix, Step, process};
+use crate::link::{AckBitmap, LinkError, Sequencer};
+use crate::navigator::Outcome;
+use crate::navigator::common::seconds;
+use crate::packet::graph::{GraphForm, lag_ids};
+
+/// The local filter, its graph of launches, and what the clients hold of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Server {
+    /// The local filter.
+    pub filter: LocalFilter,
+    chain: Chain,
+    /// From the newest node to the filter's own at `since_ns`.
+    since: Step,
+    since_ns: i64,
+    /// Counts the packets: a node's id is its packet's counter.
+    pub sequencer: Sequencer,
+    /// What each client (by vehicle) acknowledged; none for who uses no packets of this vehicle.
+    acknowledged: Vec<Option<AckBitmap>>,
+    origin: Option<u64>,
+}
+
+/// A launch that has not been committed to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Launch {
+    /// Its node, exact.
+    pub node: Node,
+    /// From the last node.
+    pub step: Step,
+    filter: LocalFilter,
+}
+
+impl Launch {
+    /// Notes what the packet says of the node: what clients hold of it.
+    pub fn sent(&mut self, packet: &GraphPacket) {
+        self.node.filtered = packet.node.filtered;
+    }
+}
+
+impl Server {
+    /// The graph of a vehicle whose packets the vehicles with `clients` use; bitmaps look back on `acknowledged`.
+    ///
+    /// # Errors
+    /// What [`LocalOptions::validate`] says.
+    pub fn new(options: LocalOptions, clients: &[bool], acknowledged: u32) -> Result<Self, Error> {
+        let acknowledged = clients
+            .iter()
+            .map(|client| client.then(|| AckBitmap::new(acknowledged)).transpose())
+            .collect::<Result<_, LinkError>>()?;
+        Ok(Self {
+            filter: LocalFilter::new(options)?,
+            chain: Chain::new(),
+            since: Step::identity(),
+            since_ns: 0,
+            sequencer: Sequencer::new(),
+            acknowledged,
+            origin: None,
+        })
+    }
+
+    /// The graph.
+    #[must_use]
+    pub fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// Place of the origin in the graph.
+    fn origin_place(&self) -> Option<usize> {
+        self.origin.and_then(|origin| self.chain.place(origin))
+    }
+
+    /// The origin.
+    #[must_use]
+    pub fn origin(&self) -> Option<&Node> {
+        self.origin_place().and_then(|place| self.chain.nodes().get(place))
+    }
+
+    /// Advances to a checked sensor event and fuses it.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] for a measurement that cannot be weighed; nothing has changed then.
+    pub fn sense(&mut self, t_ns: i64, payload: &Payload) -> Result<(Outcome, Option<Fused>), Error> {
+        if matches!(payload, Payload::Heading { .. } | Payload::Depth { .. }) {
+            return Ok((self.filter.sense(t_ns, payload), None));
+        }
+        let mut filter = self.filter.clone();
+        let (outcome, fused) = filter.sense_and_tell(t_ns, payload);
+        if let Some(Fused { q_m2_per_s3, linear, .. }) = fused
+            && !self.chain.nodes().is_empty()
+        {
+            let mut since = self.since_at(t_ns, q_m2_per_s3);
+            since.update(&linear.observe(), &linear.value, &linear.noise)?;
+            (self.since, self.since_ns) = (since, t_ns);
+        }
+        self.filter = filter;
+        Ok((outcome, fused))
+    }
+
+    /// From the newest node to `t_ns`.
+    fn since_at(&self, t_ns: i64, q_m2_per_s3: f64) -> Step {
+        let dt_s = seconds(t_ns.saturating_sub(self.since_ns));
+        let mut since = self.since;
+        since.predict(&process::transition(dt_s), &process::noise(dt_s, q_m2_per_s3));
+        since
+    }
+
+    /// A launch at `tol_ns`; `None` before the first fix.
+    #[must_use]
+    pub fn prepare(&self, tol_ns: i64) -> Option<Launch> {
+        let mut filter = self.filter.clone();
+        let q = filter.sensors.process_noise_m2_per_s3(filter.options());
+        filter.advance(tol_ns);
+        let step = self.since_at(tol_ns, q);
+        let node = Node { id: self.sequencer.peek(), tol_ns, filtered: filter.node? };
+        Some(Launch { node, step, filter })
+    }
+
+    /// From an older node (by place) to the launch.
+    fn step_to(&self, launch: &Launch, place: usize) -> Result<Step, Error> {
+        self.chain.between(place, self.chain.nodes().len() - 1)?.then(&launch.step)
+    }
+
+    /// What an exact packet says: the joint marginal with the origin and with the last `lags` launches.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] for a graph that two launches at one instant left singular.
+    pub fn exact_packet(&self, launch: &Launch, lags: usize) -> Result<GraphPacket, Error> {
+        let id = launch.node.id;
+        let Some(place) = self.origin_place() else {
+            return Ok(GraphPacket { node: launch.node, origin: id, tie: Tie::Begin, lags: Vec::new() });
+        };
+        let origin = self.chain.nodes()[place].id;
+        let joint =
+            |place: usize| joint_of(&self.chain.nodes()[place].filtered, &self.step_to(launch, place)?);
+        let mut exact = Vec::with_capacity(lags);
+        for lag in lag_ids(id, origin).take(lags) {
+            let Some(place) = self.chain.place(lag) else { break };
+            exact.push((lag, Lag::Joint(joint(place)?)));
+        }
+        Ok(GraphPacket { node: launch.node, origin, tie: Tie::Joint(joint(place)?), lags: exact })
+    }
+
+    /// What a rounded packet says.
+    ///
+    /// # Errors
+    /// What rounding says of values that do not fit.
+    pub fn rounded_packet(&self, launch: &Launch, form: GraphForm) -> Result<GraphPacket, Error> {
+        let _ = (launch, form);
+        Err(Error::External("todo".into()))
+    }
+
+    /// Φ(launch, origin): how the filtered error at the origin lives on in that of the launch.
+    ///
+    /// # Errors
+    /// What composing steps says.
+    pub fn error_transition(&self, launch: &Launch) -> Result<Option<NodeMatrix>, Error> {
+        let Some(place) = self.origin_place() else { return Ok(None) };
+        let step = self.step_to(launch, place)?;
+        let prior = self.chain.nodes()[place].filtered.covariance;
+        let settle = (NodeMatrix::identity() + prior * step.told_matrix)
+            .try_inverse()
+            .ok_or(Error::NotPositiveDefinite { quantity: "I + PJ of the origin" })?;
+        Ok(Some(step.transition * settle))
+    }
+
+    /// From the launch before to this one, where that is still in the graph.
+    ///
+    /// # Errors
+    /// What composing steps says.
+    pub fn step_from(&self, launch: &Launch, id: u64) -> Result<Option<Step>, Error> {
+        self.chain.place(id).map(|place| self.step_to(launch, place)).transpose()
+    }
+
+    /// Takes a launch whose packet was built: a new node.
+    ///
+    /// # Errors
+    /// [`Error::Link`] when the counter is exhausted, or what composing steps says; nothing has changed then.
+    pub fn launch(&mut self, launch: &Launch) -> Result<(), Error> {
+        let mut chain = self.chain.clone();
+        chain.push(launch.step, launch.node);
+        chain.bound(NODES_MAX)?;
+        self.sequencer.take()?;
+        self.chain = chain;
+        self.filter = launch.filter.clone();
+        (self.since, self.since_ns) = (Step::identity(), launch.node.tol_ns);
+        self.origin.get_or_insert(launch.node.id);
+        Ok(())
+    }
+
+    /// What a client says that it received: the origin moves on to the newest node that all clients hold.
+    pub fn acknowledge(&mut self, client: VehicleId, bitmap: &AckBitmap) {
+        if let Some(Some(known)) = self.acknowledged.get_mut(usize::from(client)) {
+            known.merge(bitmap);
+        }
+        let held = |id: u64| self.acknowledged.iter().flatten().all(|known| known.is_received(id));
+        let newest = self.chain.nodes().iter().rev().map(|node| node.id).find(|id| held(*id));
+        if let Some(id) = newest
+            && self.origin.is_some_and(|origin| id > origin)
+        {
+            self.origin = Some(id);
+            self.chain.forget_before(id);
+        }
+    }
+
+    /// Forgets all nodes before this one: who reads the graph will not ask for them again.
+    pub fn forget_before(&mut self, id: u64) {
+        self.origin = Some(id);
+        self.chain.forget_before(id);
+    }
+
+    /// Largest correlation of a position now with the same at the origin, for pictures.
+    #[must_use]
+    pub fn origin_correlation(&self, now_ns: i64) -> f64 {
+        let correlation = || {
+            let launch = self.prepare(now_ns)?;
+            let origin: Gaussian<NODE> = self.origin()?.filtered;
+            let step = self.step_to(&launch, self.origin_place()?).ok()?;
+            let settle = (NodeMatrix::identity() + origin.covariance * step.told_matrix).try_inverse()?;
+            let smoothed = settle * origin.covariance;
+            let cross = step.transition * smoothed;
+            let own = launch.node.filtered.covariance;
+            Some((0..2).map(|k| cross[(k, k)] / (own[(k, k)] * smoothed[(k, k)]).sqrt()).fold(0.0, f64::max))
+        };
+        correlation().unwrap_or(f64::NAN)
+    }
+}
