@@ -192,6 +192,7 @@ def team_navigator(
     sound_speed_mps: float,
     seed: int,
 ) -> Navigator: ...
+
 @final
 class TeamEstimator:
     """A centralised reference: fed the events of the whole team, transmits nothing. Empty while a replay holds it."""
