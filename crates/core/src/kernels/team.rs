@@ -168,6 +168,8 @@ pub struct Program<'a> {
     pub terrain: Option<Terrain<'a>>,
     /// Own positions.
     pub own: Own<'a>,
+    /// What each particle says of the current that the sender shares, [east, north] columns, m/s.
+    pub current: Option<[&'a [f64]; 2]>,
 }
 
 dispatch! {
@@ -202,10 +204,17 @@ dispatch! {
                     p[l] = column[from[l]];
                 }
             }
+            let mut current = [[0.0; LANES]; 2];
+            if let Some([east, north]) = program.current {
+                load(&mut current[0], east, first, count);
+                load(&mut current[1], north, first, count);
+            }
             let mut row = 0;
             for op in program.ops {
                 let (ll, nu, s) = match *op {
                     Op::Predict(step) => {
+                        add_scaled(&mut m[program.base + E], step.dt_s, &current[0]);
+                        add_scaled(&mut m[program.base + N], step.dt_s, &current[1]);
                         predict(m, p, program.base, &step);
                         continue;
                     }

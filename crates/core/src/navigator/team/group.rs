@@ -60,14 +60,24 @@ impl Group {
         self.members.iter().position(|m| *m == vehicle).map(|k| BLOCK * k)
     }
 
-    /// Takes in a member at `position_m` with standard deviations `sigmas`, independent of the others.
-    pub fn join(&mut self, vehicle: VehicleId, position_m: [f64; 2], sigmas: [f64; BLOCK]) {
+    /// Takes in a member at `position_m` with standard deviations `sigmas`, independent of the others; its datum offset is
+    /// zero, or what each particle says.
+    pub fn join(
+        &mut self,
+        vehicle: VehicleId,
+        position_m: [f64; 2],
+        offset_m: Option<&[f64]>,
+        sigmas: [f64; BLOCK],
+    ) {
         let (n, before) = (self.particles, self.dim());
         self.members.push(vehicle);
         let after = self.dim();
         self.mean.resize(after * n, 0.0);
         for (axis, position) in position_m.into_iter().enumerate() {
             self.mean[(before + axis) * n..(before + axis + 1) * n].fill(position);
+        }
+        if let Some(offset) = offset_m {
+            self.mean[(before + 2) * n..(before + 3) * n].copy_from_slice(offset);
         }
         self.covariance.resize(packed_len(after) * n, 0.0);
         for (k, sigma) in sigmas.into_iter().enumerate() {

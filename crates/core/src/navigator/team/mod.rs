@@ -7,6 +7,7 @@
 //! [`mpf`](super::mpf): a vehicle that hears nobody is `mpf` without ranges, bit for bit.
 
 mod book;
+mod current;
 mod filled;
 mod group;
 mod program;
@@ -26,6 +27,7 @@ use crate::kernels::particles::liu_west_bandwidth;
 use crate::noise::Purpose;
 use crate::packet::{SEAL_BYTES, TEAM_MAX, TeamLayout, TeamReport};
 use book::Book;
+use current::CommonCurrent;
 use group::Group;
 use program::Program;
 
@@ -58,6 +60,12 @@ pub struct TeamOptions {
     pub residual_weight: f64,
     /// White noise of a teammate's position beside its drift, m/√s.
     pub teammate_walk_m_per_sqrt_s: f64,
+    /// How much of a teammate's current is its own: 1 for currents that have nothing in common; below, the prior and
+    /// walk of the difference to this vehicle's current are this share of the drift's.
+    pub current_difference: f64,
+    /// Standard deviation of a teammate's datum offset (tide) minus this vehicle's, m; infinite for offsets that have
+    /// nothing in common.
+    pub offset_difference_m: f64,
     /// Exponent of a packet's weights.
     pub packet_temper: f64,
     /// How far the outer points of a sounding may lie from a depth of the chart, m.
@@ -94,6 +102,7 @@ struct State {
     groups: Vec<Group>,
     /// Every particle at the last launch, and that packet's counter.
     launch: Option<Launch>,
+    current: Option<CommonCurrent>,
     sigma_sounding_m: Option<f64>,
 }
 
@@ -114,6 +123,7 @@ struct Scratch {
     innovation: [Vec<f64>; 2],
     own: [Vec<f64>; 2],
     normals: [Vec<f64>; 8],
+    current: [Vec<f64>; 2],
 }
 
 impl<const K: usize> Team<K> {
@@ -158,6 +168,8 @@ impl<const K: usize> Team<K> {
                 mates: vec![None; vehicles],
                 groups: (0..groups).map(|_| Group::new(options.core.particles)).collect(),
                 launch: None,
+                current: (options.current_difference < 1.0)
+                    .then(|| CommonCurrent::new(options.core.particles, vehicles)),
                 sigma_sounding_m: None,
             },
             mpf: Mpf::new(own, vehicles, core, chart, sound_speed_mps, seed)?,
@@ -283,6 +295,9 @@ impl<const K: usize> Team<K> {
                 std::mem::swap(then, column);
             }
         }
+        if let Some(current) = &mut self.state.current {
+            current.gather(ancestors, column);
+        }
         self.state.groups.iter_mut().for_each(|g| g.gather(ancestors));
         let stream = self.mpf.state.core.next_stream(Purpose::Jitter);
         self.jitter_groups(&stream);
@@ -348,7 +363,11 @@ impl<const K: usize> Navigator for Team<K> {
         check_event(event, self.mpf.own, self.mpf.state.core.now_ns())?;
         self.mpf.state.radio.check_sender(&event.payload)?;
         self.state.book.advance(event.t_ns, self.mpf.state.core.velocity_mps);
+        let before_ns = self.mpf.state.core.now_ns();
         self.mpf.state.core.advance(event.t_ns);
+        if let (Some(current), Some(before_ns)) = (&mut self.state.current, before_ns) {
+            current.advance(&self.mpf.state.core.cloud.linear, seconds(event.t_ns - before_ns));
+        }
         match &event.payload {
             Payload::Motion { velocity_mps } => {
                 self.mpf.state.core.velocity_mps = *velocity_mps;

@@ -113,18 +113,24 @@ impl<const K: usize> Team<K> {
         // What it said of itself before it was taken in is used up by that.
         self.scratch.report.fix = None;
         let drift = &self.options.drifts[usize::from(sender)];
+        // One sea, one tide: each particle's own offset, with what it does not know of it.
+        let cloud = &self.mpf.state.core.cloud;
+        let doubt = weighted_mean(cloud.weights(), &cloud.offset_variance);
+        let shared_m = (doubt + self.options.offset_difference_m.powi(2)).sqrt();
+        let prior_m = self.options.core.sigma_offset0_m;
+        let offset = (shared_m < prior_m).then_some(cloud.offset.as_slice());
         let sigmas: [f64; BLOCK] = [
             fix.sigma_m,
             fix.sigma_m,
-            self.options.core.sigma_offset0_m,
-            drift.sigma_current0_mps,
-            drift.sigma_current0_mps,
+            shared_m.min(prior_m),
+            drift.sigma_current0_mps * self.options.current_difference,
+            drift.sigma_current0_mps * self.options.current_difference,
             drift.sigma_heading_bias0_rad,
             drift.sigma_thrust_bias0_mps,
         ];
         let at = [0, 1].map(|a| mate.position_m[a] + residual_m[a]);
         let group = self.group_of(sender);
-        self.state.groups[group].join(sender, at, sigmas);
+        self.state.groups[group].join(sender, at, offset, sigmas);
         Some(mate)
     }
 
@@ -136,6 +142,16 @@ impl<const K: usize> Team<K> {
         let mut drift = self.options.drifts[usize::from(sender)];
         drift.sigma_position_m_per_sqrt_s =
             drift.sigma_position_m_per_sqrt_s.hypot(self.options.teammate_walk_m_per_sqrt_s);
+        let share = self.options.current_difference.min(1.0);
+        drift.sigma_current_mps_per_sqrt_s *= share;
+        if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.mpf.state.core.now_ns()) {
+            // A particle knows the current up to what its own white noise hides: twice its variance per second.
+            let own = self.mpf.options.drift.sigma_position_m_per_sqrt_s;
+            drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(own * 2f64.sqrt());
+            let linear = &self.mpf.state.core.cloud.linear;
+            let ago_s = (now_ns - tol_ns) as f64 * 1e-9;
+            current.since(sender, linear, ago_s, &mut self.scratch.current);
+        }
         let correlation = self.mpf.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
         let reading = Reading {
             report: &self.scratch.report,
@@ -233,6 +249,11 @@ impl<const K: usize> Team<K> {
                     [&self.scratch.own[0], &self.scratch.own[1]],
                 ],
             },
+            current: self
+                .state
+                .current
+                .is_some()
+                .then(|| [self.scratch.current[0].as_slice(), self.scratch.current[1].as_slice()]),
         };
         let (dim, mean, before, order, after) = self.state.groups[index].columns();
         let mut joints = Joints { dim, mean, before, order, after, scratch: &mut self.scratch.lanes };
