@@ -229,11 +229,13 @@ def packet_fields(
 def _packet(
     name: str, tables: Mapping[str, Any], vehicles: int, capacity_bytes: int
 ) -> tuple[bytes | None, tuple[Field, ...]]:
-    tag_bytes = tag_bytes_of(tables)
-    context = Context(0, vehicles, tables["acoustics"]["sound_speed_mps"], 0, None, ranging_of(tables))
-
     if NAVIGATORS[name].central:
         return None, ()
+    tag_bytes = tag_bytes_of(tables)
+    ranging = ranging_of(tables)
+    sound_speed_mps = tables["acoustics"]["sound_speed_mps"]
+    # Of a team of another size the scenario does not say who ranges.
+    context = Context(0, vehicles, sound_speed_mps, 0, None, ranging if len(ranging) == vehicles else ())
 
     def ready() -> tuple[_native.Navigator, int]:
         navigator = build(name, context, options_of(name, tables), None)
@@ -263,6 +265,10 @@ def _under_way(navigator: _native.Navigator, cycle_s: float) -> int:
         at = 1_000_000_000 * second
         navigator.handle(_native.Event(at, 0, "depth", depth_m=2.0, sigma_m=0.1))
         navigator.handle(_native.Event(at, 0, "water_depth", water_depth_m=20.0, sigma_m=0.1))
+        navigator.handle(_native.Event(at, 0, "heading", yaw_rad=0.46, sigma_rad=0.01))
+        navigator.handle(
+            _native.Event(at, 0, "ground_velocity", forward_mps=1.1, left_mps=0.0, sigma_mps=0.05)
+        )
         navigator.handle(_native.Event(at, 0, "motion", velocity_e_mps=1.0, velocity_n_mps=0.5))
         if second == seconds:
             navigator.transmit(at, acoustics.NO_LIMIT_BYTES)

@@ -173,6 +173,10 @@ impl<N: Navigator> Navigator for Sealed<N> {
     fn particles(&self) -> Option<Particles> {
         self.inner.particles()
     }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        self.inner.diagnostics()
+    }
 }
 
 /// A navigator in a box is one.
@@ -219,5 +223,9 @@ impl Navigator for Box<dyn Navigator> {
 
     fn particles(&self) -> Option<Particles> {
         self.as_ref().particles()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        self.as_ref().diagnostics()
     }
 }
