@@ -14,7 +14,7 @@ from uwcoop.scenario.acoustics import Acoustics
 if TYPE_CHECKING:
     from uwcoop.scenario.models import Scenario
 
-__all__ = ["Budget", "Cost", "budget", "fitting", "packet_bytes", "refuse_misfits"]
+__all__ = ["Budget", "Cost", "budget", "fitting", "packet_bytes", "ranging_of", "refuse_misfits"]
 
 
 @dataclass(frozen=True)
@@ -116,10 +116,20 @@ def refuse_misfits(navigators: Iterable[str], tables: Mapping[str, Any], vehicle
 
 
 def fitting(tables: Mapping[str, Any], vehicles: int) -> list[str]:
-    """The packaged navigators for a resolved scenario: all, but those that need a bandwidth that its modem lacks."""
+    """The packaged navigators of a resolved scenario: those that it lists, or all that are for any; without
+    those that need a bandwidth that its modem lacks.
+
+    Raises:
+        NavigatorError: the scenario lists an unknown navigator, or one twice.
+    """
+    listed = list(tables.get("navigators", ()))
+    for name in listed:
+        options_of(name, tables)
+        if listed.count(name) > 1:
+            raise NavigatorError(f"navigators lists {name!r} {listed.count(name)} times: must be once")
     fits = []
-    for name, spec in NAVIGATORS.items():
-        if spec.needs_bandwidth:
+    for name in listed or [name for name, spec in NAVIGATORS.items() if not spec.listed_only]:
+        if NAVIGATORS[name].needs_bandwidth:
             try:
                 refuse_misfits([name], tables, vehicles)
             except ScheduleError:
@@ -134,8 +144,10 @@ def packet_bytes(name: str, tables: Mapping[str, Any], vehicles: int, capacity_b
     A navigator that fits its packet to the slot is asked with the slot's capacity; one whose packet is too
     long for it, without a limit, so that the schedule can say what is missing. `tables`: a resolved scenario.
     """
-    context = Context(0, vehicles, tables["acoustics"]["sound_speed_mps"], 0, None)
+    context = Context(0, vehicles, tables["acoustics"]["sound_speed_mps"], 0, None, ranging_of(tables))
     navigator = build(name, context, options_of(name, tables), None)
+    if isinstance(navigator, _native.TeamEstimator):
+        return None
     start = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 1.0, "cov_en_m2": 0.0, "cov_nn_m2": 1.0}
     navigator.handle(_native.Event(0, 0, "fix", **start))
     try:
@@ -143,3 +155,9 @@ def packet_bytes(name: str, tables: Mapping[str, Any], vehicles: int, capacity_b
     except NavigatorError:
         packet = navigator.transmit(0, acoustics.NO_LIMIT_BYTES)
     return None if packet is None else len(packet)
+
+
+def ranging_of(tables: Mapping[str, Any]) -> tuple[bool, ...]:
+    """By vehicle, whether it uses ranges; empty where a resolved scenario, or a log of another origin, does not say."""
+    team = tables.get("vehicles", ())
+    return tuple(bool(v.get("fuses_ranges", True)) for v in team) if isinstance(team, list | tuple) else ()

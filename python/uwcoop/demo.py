@@ -6,20 +6,26 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from uwcoop.budget import fitting
 from uwcoop.errors import MissingDependencyError
 from uwcoop.missionlog.mcap import load_log, write_log
-from uwcoop.navigators import NAVIGATORS
 from uwcoop.output import refuse_file, write_chart_picture, write_run
 from uwcoop.run import run
+from uwcoop.scenario import load
 from uwcoop.simulate import simulate
 
 if TYPE_CHECKING:
     from uwcoop.run import RunResult
 
-__all__ = ["SCENARIO", "STEPS", "run_demo"]
+__all__ = ["SCENARIO", "run_demo", "steps"]
 
 SCENARIO = "st-john-drift"
-STEPS = 3 + len(NAVIGATORS)
+
+
+def steps() -> int:
+    """How often `run_demo` says that it has done something."""
+    scenario = load(SCENARIO)
+    return 3 + len(fitting(scenario.resolved(), len(scenario.team)))
 
 
 def run_demo(
@@ -29,7 +35,7 @@ def run_demo(
 
     Args:
         folder: for `mission.mcap`, `chart.png` and what `write_run` writes.
-        step: called with what has been done, `STEPS` times.
+        step: called with what has been done, `steps()` times.
         note: called with a line for each file that had to be left out.
 
     Returns:

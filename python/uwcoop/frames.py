@@ -36,6 +36,13 @@ def wrap_angle(angle_rad: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(np.pi - np.mod(np.pi - np.asarray(angle_rad, dtype=np.float64), 2 * np.pi))
 
 
+def turned(vectors: NDArray[np.float64], angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors (K, 2) turned counter-clockwise by angles (K,)."""
+    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
+    x, y = vectors.T
+    return np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
+
+
 def crs_of(text: object) -> Any:
     """The pyproj CRS that `text` ("EPSG:32654", WKT, PROJ string, number) names.
 

@@ -33,7 +33,7 @@ ARRIVED_M = 1.0
 def waypoints_of(
     path: RandomLawnmower | Lawnmower | Waypoints,
     vehicle: Vehicle,
-    chart: Chart,
+    chart: Chart | None,
     length_m: float,
     rng: np.random.Generator,
 ) -> Points:
@@ -42,18 +42,23 @@ def waypoints_of(
     Args:
         path: what was asked for.
         vehicle: for its depth and name.
-        chart: which a random path must stay inside of.
+        chart: which a random path must stay inside of; the others need none.
         length_m: how long a random path has to be, if the chart has room.
         rng: draws a random path.
 
     Raises:
-        ScenarioError: the chart has no room for a random path.
+        ScenarioError: a random path without a chart, or a chart that has no room for it.
     """
     if isinstance(path, Waypoints):
         return np.array(path.waypoints_m)
     if isinstance(path, Lawnmower):
         yaw = float(yaw_from_heading(path.heading_deg))
         return lawnmower(path.start_m, yaw, path.leg_m, path.spacing_m, path.legs)
+    if chart is None:
+        raise ScenarioError(
+            f"vehicle {vehicle.name}: a random lawn mower is laid on a chart, and the scenario has none: "
+            "give a [chart], or vehicles.path of another kind"
+        )
     return _random_lawnmower(path, vehicle, chart, length_m, rng)
 
 

@@ -39,7 +39,7 @@ class Record:
     where there is none: nothing is interpolated. None when the record has no soundings."""
 
 
-def read_track(vehicle: Vehicle, chart: Chart, steps: int) -> Record:
+def read_track(vehicle: Vehicle, chart: Chart | None, steps: int) -> Record:
     """Read a vehicle's record and resample it to `steps` + 1 seconds from `track.start_s` on.
 
     Raises:
@@ -147,10 +147,12 @@ def _number(text: str | None, role: str, name: str, line: int, where: str) -> fl
     return value
 
 
-def _local(track: Track, cells: dict[str, Array], chart: Chart, where: str) -> Array:
+def _local(track: Track, cells: dict[str, Array], chart: Chart | None, where: str) -> Array:
     """Positions in the chart's local frame, (N, 2)."""
     if "longitude" not in cells and track.crs is None:
         return np.column_stack([cells["east"], cells["north"]])
+    if chart is None:
+        raise ScenarioError(f"{where} has no place to go: its positions need a [chart], whose frame they get")
     try:
         frame = LocalFrame(chart.origin)
         if "longitude" in cells:

@@ -11,11 +11,12 @@ import numpy as np
 import xarray as xr
 
 from uwcoop import _native, metrics
-from uwcoop.budget import fitting, refuse_misfits
+from uwcoop.budget import fitting, ranging_of, refuse_misfits
 from uwcoop.errors import LogError
 from uwcoop.missionlog import MissionLog
 from uwcoop.missions import open_mission
-from uwcoop.navigators import Context, Custom, build, native_chart, options_of
+from uwcoop.navigators import NAVIGATORS, Context, Custom, build, native_chart, options_of
+from uwcoop.poses import pose_variables
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -66,7 +67,8 @@ def run(
 
     Args:
         mission: a log, a log's path, a scenario, or the name or path of a scenario (then it is simulated first).
-        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones; None: all packaged that fit the modem.
+        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones; None: those that the scenario lists, or
+            all for terrain that fit the modem.
         seed: of the simulation and of the navigators; None takes the mission's own.
         chart: the navigators' chart; None takes the mission's. For a log with another chart it is refused.
         overrides: "dotted.key=value" each: any key of a scenario, `navigator.*` of a log.
@@ -145,15 +147,20 @@ def replay_for(
     cloud_every: int = 0,
 ) -> _native.Replay:
     """A team of one kind of navigator, ready to replay the mission step by step or whole."""
+    ranging = ranging_of(log.scenario)
     contexts = [
-        Context(k, len(log.vehicles), log.link.sound_speed_mps, seed, log.chart)
+        Context(k, len(log.vehicles), log.link.sound_speed_mps, seed, log.chart, ranging)
         for k in range(len(log.vehicles))
     ]
+    team: Any
     if isinstance(navigator, Custom):
-        team: Sequence[Any] = [navigator.make(context) for context in contexts]
+        team = [navigator.make(context) for context in contexts]
     else:
         options = options_of(navigator, log.scenario)
-        team = [build(navigator, context, options, chart) for context in contexts]
+        if NAVIGATORS[navigator].central:
+            team = build(navigator, contexts[0], options, chart)
+        else:
+            team = [build(navigator, context, options, chart) for context in contexts]
     return _native.Replay(mission, team, sample_ns, cloud_every)
 
 
@@ -199,6 +206,8 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "heard": (each, heard, {"long_name": "a packet that arrived now was used"}),
             "received": (("vehicle", "time"), received, {"long_name": "a signal could be heard now"}),
             **optional,
+            **pose_variables(log, records, t_ns),
+            **_diagnostics(records),
         },
         coords={
             "navigator": list(names),
@@ -209,6 +218,17 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         },
         attrs={"mission": log.name, "seed": log.seed, "settle_s": float(settle_s)},
     )
+
+
+def _diagnostics(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What navigators said of themselves, a variable each; NaN where one said nothing of the kind."""
+    shape = records[0]["ess"].shape
+    said = {
+        name: np.stack([r["diagnostics"].get(name, np.full(shape, np.nan)) for r in records])
+        for name in sorted({name for r in records for name in r["diagnostics"]})
+    }
+    by = {"role": "diagnostic", "long_name": "as the navigator says"}
+    return {name: (("navigator", "vehicle", "time"), values, by) for name, values in said.items()}
 
 
 def _square(upper: NDArray[np.float64]) -> NDArray[np.float64]:

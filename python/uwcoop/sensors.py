@@ -1,7 +1,7 @@
 """Sensors: truth -> events. Each draws from streams of its own, so that one more sensor changes no other's
 noise.
 
-Where no seabed is known (off the chart, over a hole) the simulated altimeter gives no event: the world has no
+Where no seabed is known (no chart, off it, over a hole) the simulated altimeter gives no event: the world has no
 depth to measure there, and making one up would feed a navigator a number that no chart, true or wrong, stands
 behind. A recorded sounding is what an echo sounder really read, and is delivered wherever it was taken.
 """
@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uwcoop.frames import wrap_angle
+from uwcoop.frames import turned, wrap_angle
+from uwcoop.hovering import HoverMotion
 from uwcoop.missionlog.model import EVENT_COLUMNS, Columns
 from uwcoop.streams import TEAM, Purpose, stream
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -42,10 +43,21 @@ if TYPE_CHECKING:
     Rows = dict[str, NDArray[np.float64]]
 
 
-def events_of(scenario: Scenario, chart: Chart, motion: Sequence[Motion], seed: int) -> dict[str, Columns]:
-    """All events of a mission: a table of columns for each kind that occurs, sorted by time, then vehicle."""
+def events_of(
+    scenario: Scenario,
+    chart: Chart | None,
+    motion: Sequence[Motion],
+    seed: int,
+    settled: Mapping[str, Columns] | None = None,
+) -> dict[str, Columns]:
+    """All events of a mission: a table of columns for each kind that occurs, sorted by time, then vehicle.
+
+    `settled` are events that the mission's course has made already: roles, landings, mutual positioning.
+    """
     tide = Tides(scenario.tide, seed)
     parts: dict[str, list[Columns]] = {kind: [] for kind in EVENT_COLUMNS}
+    for kind, table in (settled or {}).items():
+        parts[kind].append(table)
     for index, (vehicle, moved) in enumerate(zip(scenario.team, motion, strict=True)):
         sensors = vehicle.sensors or scenario.sensors
         for kind, rows in _vehicle_events(sensors, chart, tide, moved, seed, index):
@@ -63,13 +75,16 @@ def events_of(scenario: Scenario, chart: Chart, motion: Sequence[Motion], seed: 
 
 
 def _vehicle_events(
-    sensors: Sensors, chart: Chart, tide: Tides, moved: Motion, seed: int, index: int
+    sensors: Sensors, chart: Chart | None, tide: Tides, moved: Motion, seed: int, index: int
 ) -> list[tuple[str, Rows]]:
     def rng(purpose: Purpose) -> np.random.Generator:
         return stream(seed, index, purpose)
 
-    rows = [("motion", motion_events(moved))]
-    if sensors.fix.at_start:
+    rows: list[tuple[str, Rows]] = []
+    hovers = isinstance(moved, HoverMotion)  # it has no compass to command by, and a prior of its own
+    if not hovers:
+        rows.append(("motion", motion_events(moved)))
+    if sensors.fix.at_start and not hovers:
         rows.append(("fix", start_fix(sensors.fix, moved, rng(Purpose.FIX))))
     rows.append(("depth", depth_events(sensors.depth, moved, rng(Purpose.DEPTH))))
     rows.append(
@@ -150,12 +165,14 @@ def depth_events(sensor: DepthSensor, moved: Motion, rng: np.random.Generator) -
 
 
 def water_depth_events(
-    sensor: WaterDepthSensor, chart: Chart, tide: Tides, moved: Motion, rng: np.random.Generator
+    sensor: WaterDepthSensor, chart: Chart | None, tide: Tides, moved: Motion, rng: np.random.Generator
 ) -> Rows:
     """Water depth: recorded soundings as they are, or chart + tide + white noise where there is a chart."""
     if moved.soundings_m is not None and sensor.rate_hz > 0:
         t_s = np.flatnonzero(np.isfinite(moved.soundings_m)).astype(np.float64)
         water = moved.soundings_m[t_s.astype(np.int64)]
+    elif chart is None:
+        t_s = water = np.empty(0)
     else:
         t_s = sample_times(sensor.rate_hz, moved.end_s)
         noise = sensor.sigma_m * rng.standard_normal(t_s.size)
@@ -169,19 +186,18 @@ def heading_events(sensor: HeadingSensor, moved: Motion, rng: np.random.Generato
     """Yaw as the compass shows it (with its bias and noise) plus the sensor's own white noise."""
     t_s = sample_times(sensor.rate_hz, moved.end_s)
     sigma = math.radians(sensor.sigma_deg)
-    yaw = moved.believed_yaw_rad[t_s.astype(np.int64)] + sigma * rng.standard_normal(t_s.size)
+    yaw = moved.believed_yaw_on(t_s) + sigma * rng.standard_normal(t_s.size)
     return {"t_s": t_s, "yaw_rad": wrap_angle(yaw), "sigma_rad": np.full(t_s.size, sigma)}
 
 
 def turn_rate_events(sensor: TurnRateSensor, moved: Motion, rng: np.random.Generator) -> Rows:
-    """Mean yaw rate since the last event, from the second event on."""
+    """Mean yaw rate since the last event, from the second event on; of a hovering vehicle until the next one."""
     t_s = sample_times(sensor.rate_hz, moved.end_s)
     bias = math.radians(sensor.bias_sigma_degps) * rng.standard_normal()
     sigma = math.radians(sensor.sigma_degps)
-    yaw = moved.yaw_rad[t_s.astype(np.int64)]
-    rate = wrap_angle(np.diff(yaw)) * sensor.rate_hz
+    t_s, rate = moved.turn_rates(t_s, sensor.rate_hz)
     rate = rate + bias + sigma * rng.standard_normal(rate.size)
-    return {"t_s": t_s[1:], "yaw_rate_radps": rate, "sigma_radps": np.full(rate.size, sigma)}
+    return {"t_s": t_s, "yaw_rate_radps": rate, "sigma_radps": np.full(rate.size, sigma)}
 
 
 def ground_velocity_events(sensor: GroundVelocitySensor, moved: Motion, rng: np.random.Generator) -> Rows:
@@ -191,37 +207,28 @@ def ground_velocity_events(sensor: GroundVelocitySensor, moved: Motion, rng: np.
         sensor.scale_sigma,
         math.radians(sensor.misalignment_sigma_deg),
     )
-    velocity = np.diff(moved.position_m, axis=0)
-    second = np.minimum(t_s.astype(np.int64), len(velocity) - 1)
-    # A mounting turned clockwise sees the velocity turned counter-clockwise.
-    body = (1 + scale) * _turned(velocity[second], mounting - moved.yaw_rad[t_s.astype(np.int64)])
-    body = body + sensor.sigma_mps * rng.standard_normal(body.shape)
-    sigma = np.full(t_s.size, sensor.sigma_mps)
+    t_s, body = moved.body_velocities(t_s, mounting)
+    body = (1 + scale) * body
+    body = body + sensor.sigma_at(np.hypot(*body.T))[:, None] * rng.standard_normal(body.shape)
+    sigma = sensor.sigma_at(np.hypot(*body.T))  # what it states follows from what it reads
     return {"t_s": t_s, "forward_mps": body[:, 0], "left_mps": body[:, 1], "sigma_mps": sigma}
 
 
 def odometry_events(sensor: OdometrySensor, moved: Motion, rng: np.random.Generator) -> Rows:
     """Displacement and change of yaw since the last event, in the body frame of that last event."""
     t_s = sample_times(sensor.rate_hz, moved.end_s)
-    yaw = moved.yaw_rad[t_s.astype(np.int64)]
+    yaw = moved.yaw_on(t_s)
     count = max(0, t_s.size - 1)
     root = math.sqrt(1 / sensor.rate_hz) if count else 0.0
     sigma, sigma_yaw = sensor.sigma_m_per_sqrt_s * root, math.radians(sensor.sigma_yaw_deg_per_sqrt_s) * root
     noise = rng.standard_normal((count, 3))
-    body = _turned(np.diff(moved.position_at(t_s), axis=0), -yaw[:-1]) + sigma * noise[:, :2]
-    turned = wrap_angle(np.diff(yaw) + sigma_yaw * noise[:, 2])
+    body = turned(np.diff(moved.position_at(t_s), axis=0), -yaw[:-1]) + sigma * noise[:, :2]
+    turn_rad = wrap_angle(np.diff(yaw) + sigma_yaw * noise[:, 2])
     zero, along, turn = np.zeros(count), np.full(count, sigma**2), np.full(count, sigma_yaw**2)
     return {
-        "t_s": t_s[1:], "forward_m": body[:, 0], "left_m": body[:, 1], "yaw_change_rad": turned,
+        "t_s": t_s[1:], "forward_m": body[:, 0], "left_m": body[:, 1], "yaw_change_rad": turn_rad,
         "cov_ff": along, "cov_fl": zero, "cov_fy": zero, "cov_ll": along, "cov_ly": zero, "cov_yy": turn,
     }  # fmt: skip
-
-
-def _turned(vectors: Array, angle_rad: Array) -> Array:
-    """Vectors (K, 2) turned counter-clockwise by angles (K,)."""
-    cosine, sine = np.cos(angle_rad), np.sin(angle_rad)
-    x, y = vectors.T
-    return np.column_stack([cosine * x - sine * y, sine * x + cosine * y])
 
 
 def _sorted(tables: list[Columns]) -> Columns:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,8 @@ import numpy as np
 from uwcoop import acoustics, sensors
 from uwcoop import scenario as scenarios
 from uwcoop.errors import ChartError, ScenarioError
-from uwcoop.missionlog.model import MissionLog
+from uwcoop.frames import LocalFrame
+from uwcoop.missionlog.model import MissionLog, Origin
 from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.streams import TEAM, Purpose, stream
 from uwcoop.vehicles import team_motion
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
     from uwcoop.charts import Chart
     from uwcoop.charts.survey import SurveyPlan
+    from uwcoop.missionlog.model import Columns
     from uwcoop.scenario.chart import ChartSpec
     from uwcoop.scenario.models import Scenario
     from uwcoop.vehicles import Motion
@@ -36,7 +39,7 @@ def simulate(
     Args:
         scenario: a `Scenario`, the name of a packaged one, or the path of a scenario file.
         seed: of the mission, 0 or above; None takes the scenario's.
-        chart: instead of what the scenario's `chart.source` gives. It is what vehicles sound and what
+        chart: instead of what the scenario's `chart.source`, if any, gives. It is what vehicles sound and what
             navigators get; with `[chart.survey]` the former alone, with `[chart.seabed]` the latter.
 
     Returns:
@@ -54,24 +57,67 @@ def simulate(
     if seed < 0:
         raise ScenarioError(f"seed is {seed}: must be at least 0")
     names = tuple(vehicle.name for vehicle in scenario.team)
-    slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
-    source = open_chart(scenario.chart) if chart is None else chart
-    seabed, chart = seabed_and_chart(scenario.chart, source, seed)
-    motion = team_motion(scenario, seabed, seed)
+    seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
+    flown = (
+        _alternating(scenario, seed) if scenario.exchange is not None else _scheduled(scenario, seabed, seed)
+    )
     return MissionLog(
         name=scenario.name,
         seed=seed,
         vehicles=names,
         duration_ns=round(scenario.duration_s) * 1_000_000_000,
         link=acoustics.link_of(scenario.acoustics),
-        events=sensors.events_of(scenario, seabed, motion, seed),
-        slots=slots,
-        opportunities=acoustics.opportunities(scenario.acoustics, slots, motion, seed, names),
+        events=sensors.events_of(scenario, seabed, flown.motion, seed, flown.events),
+        slots=flown.slots,
+        opportunities=flown.opportunities,
         chart=chart,
-        origin=chart.origin,
+        origin=_origin(scenario) if chart is None else chart.origin,
         scenario=scenario.resolved(),
-        truth=_truth(names, motion),
+        truth=_truth(names, flown.motion),
     )
+
+
+@dataclass(frozen=True)
+class _Flown:
+    """A mission's course: where everyone was, and when who could talk to whom."""
+
+    motion: Sequence[Motion]
+    slots: Columns
+    opportunities: Columns
+    events: dict[str, Columns]
+
+
+def _scheduled(scenario: Scenario, seabed: Chart | None, seed: int) -> _Flown:
+    """Paths and slots that do not depend on each other."""
+    names = tuple(vehicle.name for vehicle in scenario.team)
+    slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
+    motion = team_motion(scenario, seabed, seed)
+    heard = acoustics.opportunities(scenario.acoustics, slots, motion, seed, names)
+    return _Flown(motion, slots, heard, {})
+
+
+def _alternating(scenario: Scenario, seed: int) -> _Flown:
+    """Vehicles that take turns as the landmark: legs, fixes and exchanges follow from each other."""
+    from uwcoop.alternating import fly
+
+    course = fly(scenario, seed)
+    return _Flown(course.motion, course.slots, course.opportunities, course.events)
+
+
+def _origin(scenario: Scenario) -> Origin:
+    place = scenario.deployment
+    if place.latitude_deg is None or place.longitude_deg is None:
+        return Origin()
+    return LocalFrame.at(place.latitude_deg, place.longitude_deg).origin
+
+
+def _seabed_and_chart(
+    spec: ChartSpec | None, given: Chart | None, seed: int
+) -> tuple[Chart | None, Chart | None]:
+    """As `seabed_and_chart`, for scenarios that may have none; a chart that is given needs no table."""
+    if spec is None:
+        return given, given
+    return seabed_and_chart(spec, open_chart(spec) if given is None else given, seed)
 
 
 def seabed_and_chart(spec: ChartSpec, source: Chart, seed: int) -> tuple[Chart, Chart]:
@@ -157,7 +203,7 @@ def _truth(names: tuple[str, ...], motion: Sequence[Motion]) -> xr.Dataset:
         },
         coords={
             "vehicle": list(names),
-            "time": ("time", np.arange(motion[0].position_m.shape[0], dtype=np.float64), {"units": "s"}),
+            "time": ("time", motion[0].times_s, {"units": "s"}),
             "axis": ["east", "north"],
         },
     )  # fmt: skip

@@ -44,6 +44,12 @@ class Purpose(IntEnum):
     POLL = 23
     SURVEY = 24
     SEABED = 25
+    LANDING = 50
+    DEPLOYMENT = 51
+    MUTUAL_NOISE = 52
+    MUTUAL_LUCK = 53
+    EXCHANGE = 54
+    EXCHANGE_TIME = 55
 
 
 def stream(seed: int, vehicle: int, purpose: Purpose, *more: int) -> np.random.Generator:

@@ -22,7 +22,7 @@ from uwcoop import scenario as scenarios
 from uwcoop.budget import fitting
 from uwcoop.errors import ScenarioError, StudyError, UwcoopError
 from uwcoop.ledger import Ledger, Row, text_of
-from uwcoop.navigators import NAVIGATORS, Custom, options_of
+from uwcoop.navigators import Custom, options_of
 from uwcoop.output import summary_text
 from uwcoop.run import run
 from uwcoop.simulate import open_chart, simulate
@@ -37,6 +37,10 @@ if TYPE_CHECKING:
     from uwcoop.scenario.models import Scenario
 
 __all__ = ["StudyResult", "study"]
+
+
+_NOT_OF_THE_WORLD = ("navigator", "navigators", "metrics")
+"""Tables of a scenario in which variants may differ and still fly the same mission."""
 
 
 @dataclass(frozen=True)
@@ -91,8 +95,8 @@ def study(
     Args:
         scenario: a scenario, or the name or path of one.
         runs: missions for each variant.
-        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones that pickle; None: all
-            packaged that fit the modem.
+        navigators: names of `uwcoop.navigators.NAVIGATORS` or `Custom` ones that pickle; None: those
+            that the scenario lists, or all for terrain that fit the modem.
         vary: values by dotted scenario key; every combination of them is a variant. Keys of a `Scenario` are
             set on its resolved form: a preset's values stay when the preset changes.
         out: folder for `runs.csv`, `study.json` and `summary.json`.
@@ -150,9 +154,9 @@ def study(
 
 
 def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
-    """The packaged navigators whose packets fit the modem of every variant."""
-    fits = [set(fitting(v.scenario.resolved(), len(v.scenario.team))) for v in variants]
-    return [name for name in NAVIGATORS if all(name in f for f in fits)]
+    """The packaged navigators that take part in every variant."""
+    fits = [fitting(v.scenario.resolved(), len(v.scenario.team)) for v in variants]
+    return [name for name in fits[0] if all(name in f for f in fits)]
 
 
 def _variants(
@@ -177,7 +181,8 @@ def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
     """SHA-256 of what a variant's rows depend on: scenario, the navigators' options, files that are read."""
     resolved = scenario.resolved()
     options = {n: options_of(n, resolved).model_dump() for n in navigators if isinstance(n, str)}
-    paths = [scenario.chart.source] if scenario.chart.synthetic is None else []
+    chart = scenario.chart
+    paths = [chart.source] if chart is not None and chart.synthetic is None else []
     paths += [vehicle.track.file for vehicle in scenario.team if vehicle.track is not None]
     # A file that is missing is refused, with a better message, by who reads it.
     files = [hashlib.sha256(Path(p).read_bytes()).hexdigest() for p in paths if Path(p).is_file()]
@@ -285,9 +290,9 @@ def _fly(
     flown: _Flown = []
     for k, scenario in job:
         resolved = scenario.resolved()
-        world = json.dumps({key: resolved[key] for key in resolved if key not in ("navigator", "metrics")})
+        world = json.dumps({key: resolved[key] for key in resolved if key not in _NOT_OF_THE_WORLD})
         if world not in logs:
-            logs[world] = simulate(scenario, seed, _chart(scenario.chart))
+            logs[world] = simulate(scenario, seed, None if scenario.chart is None else _chart(scenario.chart))
         log = replace(logs[world], scenario=resolved)
         result = run(log, navigators, clouds=False)
         rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)

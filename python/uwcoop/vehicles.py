@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uwcoop.frames import yaw_from_heading
+from uwcoop.frames import turned, wrap_angle, yaw_from_heading
 from uwcoop.paths import Pursuit, waypoints_of
 from uwcoop.recorded import Record, read_track
+from uwcoop.scenario.vehicle import Adrift
 from uwcoop.scenario.world import ConstantCurrent, NoCurrent
 from uwcoop.streams import TEAM, Purpose, stream
 
@@ -73,13 +74,39 @@ class Motion:
         """True yaw at any times within the mission, (K,)."""
         return self.yaw_rad[self._between(t_s)[0]]
 
+    @property
+    def times_s(self) -> Array:
+        """Instants of the columns, seconds."""
+        return np.arange(len(self.yaw_rad), dtype=np.float64)
+
+    def yaw_on(self, t_s: Array) -> Array:
+        """True yaw that a sensor finds at these times, (K,)."""
+        return self.yaw_rad[t_s.astype(np.int64)]
+
+    def believed_yaw_on(self, t_s: Array) -> Array:
+        """Yaw that the compass shows at these times, (K,)."""
+        return self.believed_yaw_rad[t_s.astype(np.int64)]
+
+    def turn_rates(self, t_s: Array, rate_hz: float) -> tuple[Array, Array]:
+        """What an ideal gyro says at sampling times (K,): when, and mean yaw rate since the last one, rad/s."""
+        return t_s[1:], wrap_angle(np.diff(self.yaw_on(t_s))) * rate_hz
+
+    def body_velocities(self, t_s: Array, mounting_rad: float) -> tuple[Array, Array]:
+        """What a DVL without noise says at sampling times (K,): when, and velocity of the second in progress, (K, 2).
+
+        A mounting turned clockwise by `mounting_rad` sees the velocity turned counter-clockwise.
+        """
+        velocity = np.diff(self.position_m, axis=0)
+        second = np.minimum(t_s.astype(np.int64), len(velocity) - 1)
+        return t_s, turned(velocity[second], mounting_rad - self.yaw_on(t_s))
+
     def _between(self, t_s: Array) -> tuple[NDArray[np.int64], Array]:
         inside = np.clip(t_s, 0.0, self.end_s)
         k = np.minimum(inside.astype(np.int64), len(self.yaw_rad) - 2)
         return k, inside - k
 
 
-def team_motion(scenario: Scenario, chart: Chart, seed: int) -> list[Motion]:
+def team_motion(scenario: Scenario, chart: Chart | None, seed: int) -> list[Motion]:
     """The motion of every vehicle of a scenario.
 
     Raises:
@@ -92,6 +119,9 @@ def team_motion(scenario: Scenario, chart: Chart, seed: int) -> list[Motion]:
         errors = _Errors.drawn(vehicle.drift or scenario.drift, steps, seed, index)
         if vehicle.track is not None:
             moved.append(_follow_record(read_track(vehicle, chart, steps), errors, current))
+        elif isinstance(vehicle.path, Adrift):
+            rng = stream(seed, index, Purpose.PATH)
+            moved.append(_float_about(vehicle.path, vehicle.depth_m, errors, steps, rng))
         else:
             planned = _follow_path(vehicle, chart, errors, current, stream(seed, index, Purpose.PATH))
             moved.append(_washed(planned, scenario.waves, stream(seed, index, Purpose.WAVES)))
@@ -147,11 +177,12 @@ class _Errors:
 
 
 def _follow_path(
-    vehicle: Vehicle, chart: Chart, errors: _Errors, current: Array, rng: np.random.Generator
+    vehicle: Vehicle, chart: Chart | None, errors: _Errors, current: Array, rng: np.random.Generator
 ) -> Motion:
     """Steer along the planned path by the true position: the path is driven, whatever the compass says."""
     steps = len(current) - 1
     assert vehicle.path is not None
+    assert not isinstance(vehicle.path, Adrift)
     corners = waypoints_of(vehicle.path, vehicle, chart, vehicle.speed_mps * steps, rng)
     pursuit = Pursuit(corners, vehicle.look_ahead_m)
     push = current + errors.velocity + errors.bias
@@ -173,6 +204,27 @@ def _follow_path(
     return Motion(
         position, depth, yaw, current + errors.bias, believed, vehicle.speed_mps * _direction(believed)
     )
+
+
+def _float_about(
+    path: Adrift, depth_m: float, errors: _Errors, steps: int, rng: np.random.Generator
+) -> Motion:
+    """Brownian motion bound to its start: v' = a - v / T - k (x - start), a white; nothing is commanded."""
+    damping = 1.0 / path.velocity_time_s
+    sigma = math.sqrt(path.push_m2ps3 / (2 * damping))
+    stiffness = (sigma / path.spread_m) ** 2
+    start = np.array(path.start_m)
+    velocity = np.empty((steps + 1, 2))
+    position = np.empty((steps + 1, 2))
+    v, x = sigma * rng.standard_normal(2), start.copy()
+    pushes = math.sqrt(path.push_m2ps3) * rng.standard_normal((steps + 1, 2))
+    for k in range(steps + 1):
+        position[k], velocity[k] = x, v
+        x = x + v
+        v = v - damping * v - stiffness * (x - start) + pushes[k]
+    yaw = _held(np.arctan2(velocity[:, 1], velocity[:, 0]), np.hypot(*velocity.T) > STILL_MPS)
+    depth = np.full(steps + 1, depth_m)
+    return Motion(position, depth, yaw, velocity, yaw + errors.heading, np.zeros((steps + 1, 2)))
 
 
 def _washed(planned: Motion, waves: Waves, rng: np.random.Generator) -> Motion:

@@ -58,6 +58,12 @@ pub enum Error {
         /// Its four entries, row by row.
         value: [f64; 4],
     },
+    /// A matrix of any size that must be positive definite and is not.
+    #[error("{quantity} is not positive definite")]
+    NotPositiveDefinite {
+        /// What the matrix means.
+        quantity: &'static str,
+    },
     /// A chart that cannot be a chart.
     #[error("chart: {0}")]
     Chart(String),

@@ -11,6 +11,7 @@ pub mod chart;
 pub mod cloud;
 pub mod error;
 pub mod event;
+pub mod information;
 pub mod kernels;
 pub mod link;
 pub mod mixture;

@@ -12,6 +12,7 @@ mod mission;
 mod navigators;
 mod python_navigator;
 mod replay;
+mod team_estimator;
 
 /// The compiled core of uwcoop.
 #[pymodule]
@@ -22,6 +23,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<navigators::Navigator>()?;
     module.add_class::<mission::Mission>()?;
     module.add_class::<replay::Replay>()?;
+    module.add_class::<team_estimator::TeamEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
     landmark::register(module)?;
     landmark_kernels::register(module)?;

@@ -15,6 +15,7 @@ use crate::errors::{argument, navigator};
 use crate::mission::Mission;
 use crate::navigators::Navigator;
 use crate::python_navigator::{Failure, PythonNavigator};
+use crate::team_estimator::TeamEstimator;
 
 /// One team replaying one mission.
 #[pyclass(frozen, module = "uwcoop._native")]
@@ -50,31 +51,37 @@ impl Replay {
     }
 }
 
+/// One navigator for each vehicle, in a sequence's order.
+fn each(navigators: &Bound<'_, PyAny>, failure: &Failure) -> PyResult<Vec<Box<dyn CoreNavigator>>> {
+    let one = |object: PyResult<Bound<'_, PyAny>>| -> PyResult<Box<dyn CoreNavigator>> {
+        let object = object?;
+        match object.cast::<Navigator>() {
+            Ok(native) => native.get().take(),
+            Err(_) => Ok(Box::new(PythonNavigator::new(object.unbind(), failure.clone()))),
+        }
+    };
+    navigators.try_iter()?.map(one).collect()
+}
+
 #[pymethods]
 impl Replay {
-    /// `navigators`: one for each vehicle, native or any object with `handle`, `transmit`, `estimate`. Estimates are
-    /// recorded at `sample_ns` (ascending), particles at every `cloud_every`-th of them (0: never).
+    /// `navigators`: one for each vehicle, native or any object with `handle`, `transmit`, `estimate`; or one
+    /// `TeamEstimator` for all. Estimates are recorded at `sample_ns` (ascending), particles at every `cloud_every`-th of them (0: never).
     #[new]
     #[pyo3(signature = (mission, navigators, sample_ns, cloud_every))]
     fn new(
         mission: &Mission,
-        navigators: Vec<Bound<'_, PyAny>>,
+        navigators: &Bound<'_, PyAny>,
         sample_ns: PyReadonlyArray1<'_, i64>,
         cloud_every: usize,
     ) -> PyResult<Self> {
         let failure = Failure::default();
-        let team = navigators
-            .into_iter()
-            .map(|object| -> PyResult<Box<dyn CoreNavigator>> {
-                match object.cast::<Navigator>() {
-                    Ok(native) => native.get().take(),
-                    Err(_) => Ok(Box::new(PythonNavigator::new(object.unbind(), failure.clone()))),
-                }
-            })
-            .collect::<PyResult<Vec<_>>>()?;
+        let team = match navigators.cast::<TeamEstimator>() {
+            Ok(central) => Team::Central(central.get().take()?),
+            Err(_) => Team::Each(each(navigators, &failure)?),
+        };
         let samples: Arc<[i64]> = sample_ns.as_array().iter().copied().collect();
-        let inner = CoreReplay::new(mission.inner.clone(), Team::Each(team), samples, cloud_every)
-            .map_err(navigator)?;
+        let inner = CoreReplay::new(mission.inner.clone(), team, samples, cloud_every).map_err(navigator)?;
         Ok(Self { inner: Mutex::new(Some(inner)), failure, elapsed: Mutex::default() })
     }
 
@@ -138,6 +145,11 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("ess", tracks.ess.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("rejected", tracks.rejected.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("off_chart", tracks.off_chart.into_pyarray(py).reshape(shape)?)?;
+    let diagnostics = PyDict::new(py);
+    for (name, column) in tracks.diagnostics {
+        diagnostics.set_item(name, column.into_pyarray(py).reshape(shape)?)?;
+    }
+    dict.set_item("diagnostics", diagnostics)?;
     let column = |f: fn(&uwcoop_core::replay::PacketRecord) -> i64| {
         tracks.packets.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
     };

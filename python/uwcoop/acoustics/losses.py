@@ -71,18 +71,30 @@ def packet_survival(acoustics: Acoustics, frames: int) -> float:
     """Nominal probability that a packet of so many frames arrives, collisions aside.
 
     For losses that depend on where vehicles are: at the longest range of the schedule, outside of shadows and
-    blackouts. Frames of one packet share the state of a burst channel.
+    blackouts; for losses between some vehicles only, of the worst pair. Frames of one packet share the state of
+    a burst channel.
     """
-    total = 1.0
+    total = _worst_independent(acoustics) ** frames
     for loss in acoustics.all_losses:
-        if loss.model == "independent":
-            total *= (1 - loss.probability) ** frames
-        elif loss.model == "burst":
+        if loss.model == "burst":
             bad = loss.bad_share
             total *= (1 - bad) * (1 - loss.loss_good) ** frames + bad * (1 - loss.loss_bad) ** frames
         elif loss.model == "distance":
             total *= float(_share_received(loss, np.array([acoustics.max_range_m]))[0]) ** frames
     return total
+
+
+def _worst_independent(acoustics: Acoustics) -> float:
+    """Probability that a frame survives the independent losses between the pair that loses most."""
+    losses = [loss for loss in acoustics.all_losses if loss.model == "independent"]
+    senders = {None, *(name for loss in losses for name in loss.senders)}
+    receivers = {None, *(name for loss in losses for name in loss.receivers)}
+    return min(
+        math.prod(1 - loss.probability for loss in losses if loss.concerns(sender, receiver))
+        for sender in senders
+        for receiver in receivers
+        if sender is None or sender != receiver
+    )
 
 
 def survive_probability(acoustics: Acoustics) -> float:
@@ -95,7 +107,8 @@ def _loss(loss: Loss, signals: Signals, names: Sequence[str], seed: int, index: 
     if loss.model == "none":
         return 0.0
     if loss.model == "independent":
-        return loss.probability
+        concerned = loss.concerns(names[signals.sender], names[signals.receiver])
+        return loss.probability if concerned else 0.0
     if loss.model == "distance":
         return 1.0 - _share_received(loss, signals.range_m)
     if loss.model == "aspect":

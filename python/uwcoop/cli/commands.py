@@ -66,9 +66,9 @@ def demo(
     ] = Path("uwcoop-demo"),
 ) -> None:
     """Localise three simulated AUVs by every navigator: table, pictures and a replay in a folder."""
-    from uwcoop.demo import STEPS, run_demo
+    from uwcoop.demo import run_demo, steps
 
-    with progress("simulating", STEPS) as step:
+    with progress("simulating", steps()) as step:
         result, files = run_demo(output, step, say)
     print_run(result, terminal())
     say_written(files, output)
@@ -220,7 +220,6 @@ def run(
     figures: FiguresOption = False,
 ) -> None:
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
-    from uwcoop.navigators import NAVIGATORS
     from uwcoop.output import refuse_file, summary_text, write_run
     from uwcoop.run import run as replay
 
@@ -228,7 +227,7 @@ def run(
     needs_folder(figures, output, "--figures")
     if output is not None:
         refuse_file(output)
-    with progress(f"opening {mission}", len(names or NAVIGATORS)) as step:
+    with progress(f"opening {mission}", len(names) if names else None) as step:
         result = replay(
             mission,
             names,
@@ -275,6 +274,7 @@ def study(
     figures: FiguresOption = False,
 ) -> None:
     """Many missions, the same for every navigator and variant: consistency and accuracy over all of them."""
+    from uwcoop.navigators import not_realisable
     from uwcoop.output import summary_text, write_study_figures
     from uwcoop.report import study_table
     from uwcoop.scenario import alternatives
@@ -297,7 +297,13 @@ def study(
             keep_errors=figures,
             progress=lambda done, total: step("missions flown", done, total),
         )
-    table = study_table(result.summary, settle_s=result.settle_s, vehicles=result.vehicles)
+    flown = [name for variant in result.summary["variants"] for name in variant["navigators"]]
+    table = study_table(
+        result.summary,
+        settle_s=result.settle_s,
+        vehicles=result.vehicles,
+        not_realisable=not_realisable(flown),
+    )
     terminal(err=as_json).print(table)
     if output is not None:
         files = ["summary.json", "runs.csv", "study.json"]

@@ -74,9 +74,14 @@ def terminal(*, err: bool = False) -> Console:
 
 def print_run(result: RunResult, console: Console) -> None:
     """The table of a run."""
+    from uwcoop.navigators import not_realisable
     from uwcoop.report import summary_table
 
-    console.print(summary_table(result.summary, settle_s=float(result.tracks.attrs["settle_s"])))
+    summary = result.summary
+    told = not_realisable(summary["navigators"])
+    console.print(
+        summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=told)
+    )
 
 
 def print_notes(log: MissionLog) -> None:

@@ -5,15 +5,16 @@ A scenario sets options as `[navigator.NAME]`, or as `[navigator.all]` for every
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 from pydantic import ValidationError
 
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
+from uwcoop.navigators.landmark import LANDMARK_NAVIGATORS
 from uwcoop.navigators.options import (
     DRIFT_PRESETS,
     DeadReckoningOptions,
@@ -21,11 +22,17 @@ from uwcoop.navigators.options import (
     DriftOptions,
     MpfOptions,
 )
+from uwcoop.navigators.origin import (
+    DeifOptions,
+    DeifRedundantOptions,
+    MdeifOptions,
+    OriginOptions,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from uwcoop._native import Event, Navigator
+    from uwcoop._native import Event, Navigator, TeamEstimator
     from uwcoop.charts import Chart
 
 __all__ = [
@@ -34,15 +41,24 @@ __all__ = [
     "Context",
     "Custom",
     "DeadReckoningOptions",
+    "DeifOptions",
+    "DeifRedundantOptions",
     "DmpfOptions",
+    "MdeifOptions",
     "MpfOptions",
+    "OriginOptions",
     "PythonEstimate",
     "PythonNavigator",
     "Spec",
     "build",
     "native_chart",
+    "not_realisable",
     "options_of",
 ]
+
+
+Options: TypeAlias = DriftOptions | OriginOptions
+"""Options of a packaged navigator."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +75,8 @@ class Context:
     """Seed of the navigator's random streams."""
     chart: Chart | None
     """The chart on board."""
+    ranging: tuple[bool, ...] = ()
+    """By vehicle, whether it uses ranges, as the team agreed; empty: all do."""
 
 
 class PythonEstimate(Protocol):
@@ -91,11 +109,17 @@ class Spec:
     """A packaged navigator: what it is, its option model, options that make it what its name says, how it is made."""
 
     summary: str
-    options: type[DriftOptions]
+    options: type[Options]
     fixed: Mapping[str, Any]
-    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator]
+    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | TeamEstimator]
     needs_bandwidth: bool = False
     """Takes part by default only where the modem carries its packet."""
+    listed_only: bool = False
+    """Takes part by default only where the scenario's `navigators` names it."""
+    central: bool = False
+    """Made once for the whole team (with the first vehicle's context): a `TeamEstimator`."""
+    realisable: bool = True
+    """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
 
 
 def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
@@ -146,8 +170,11 @@ NAVIGATORS: dict[str, Spec] = {
 }
 """Packaged navigators by name."""
 
+for _name, (_summary, _model, _fixed, _make) in LANDMARK_NAVIGATORS.items():
+    NAVIGATORS[_name] = Spec(_summary, _model, _fixed, _make, listed_only=True)
 
-def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOptions:
+
+def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     """Options of a packaged navigator: defaults, then `[navigator.all]`, then `[navigator.NAME]`.
 
     Raises:
@@ -170,6 +197,9 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
     diagnostics = (scenario or {}).get("diagnostics", {})
     if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in model.model_fields:
         own.setdefault("entropy_sigma_m", diagnostics["entropy_sigma_m"])
+    packet = (scenario or {}).get("acoustics", {}).get("packet")
+    if packet is not None and "packet_form" in model.model_fields:
+        own.setdefault("packet_form", packet)
     fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:
@@ -182,8 +212,11 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> DriftOpt
         raise NavigatorError(_one_line(name, model, invalid)) from None
 
 
-def build(name: str, context: Context, options: DriftOptions, chart: _native.Chart | None) -> Navigator:
-    """A packaged navigator for one vehicle; `chart` is `native_chart(context.chart)`, shared by the team."""
+def build(
+    name: str, context: Context, options: Options, chart: _native.Chart | None
+) -> Navigator | TeamEstimator:
+    """A packaged navigator for one vehicle, or a centralised one for all; `chart` is `native_chart(context.chart)`,
+    shared by the team."""
     length = 0.0 if context.chart is None else context.chart.correlation_length_m
     return _spec(name).make(context, options.native(length), chart)
 
@@ -206,6 +239,11 @@ def native_chart(chart: Chart) -> _native.Chart:
     )
 
 
+def not_realisable(names: Iterable[str]) -> set[str]:
+    """Those of the names that are packaged navigators which are told what no vehicle can know."""
+    return {name for name in names if name in NAVIGATORS and not NAVIGATORS[name].realisable}
+
+
 def _spec(name: str) -> Spec:
     if name not in NAVIGATORS:
         raise NavigatorError(f"navigator {name!r} is unknown{_nearest(name, NAVIGATORS)}")
@@ -217,7 +255,7 @@ def _nearest(name: str, known: Any) -> str:
     return f"; did you mean {close[0]!r}?" if close else f"; there are {', '.join(sorted(known))}"
 
 
-def _one_line(name: str, model: type[DriftOptions], invalid: ValidationError) -> str:
+def _one_line(name: str, model: type[Options], invalid: ValidationError) -> str:
     error = invalid.errors()[0]
     option = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from uwcoop.acoustics.sound import SALINITY_PSU, TEMPERATURE_C
 from uwcoop.scenario.base import NonNegative, Positive, Table
@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 __all__ = ["Acoustics", "Clock", "IndependentLoss", "Loss", "Mackenzie", "Modem", "NoLoss", "TwoWay"]
 
 Modem = Literal["micromodem-32", "micromodem-64", "micromodem-256", "aloc", "unlimited"]
+
+
+def _as_text(value: object) -> object:
+    # `acoustics.packet=32` reads as a number.
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
 class Clock(Table):
@@ -86,6 +91,8 @@ class Acoustics(Table):
     order: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Senders of one cycle; empty: every vehicle once, in their order (round robin)."""
     first_slot_s: NonNegative = 0.0
+    packet: Annotated[Literal["f64", "32", "64", "256"], BeforeValidator(_as_text)] = "f64"
+    """Form in which navigators that share pose-graphs pack their numbers: float64, or frames of so many bytes."""
     packet_bytes: Annotated[int, Field(ge=1)] | None = None
     """The longest packet that must fit a slot; checked when the mission is simulated."""
     ranging: Literal["one-way", "two-way"] = "one-way"

@@ -24,6 +24,14 @@ class IndependentLoss(Table):
 
     model: Literal["independent"] = "independent"
     probability: Probability
+    senders: Names = ()
+    receivers: Names = ()
+
+    def concerns(self, sender: str | None, receiver: str | None) -> bool:
+        """Whether it matters between these vehicles; None stands for any that no loss names."""
+        return (not self.senders or sender in self.senders) and (
+            not self.receivers or receiver in self.receivers
+        )
 
 
 class RangeTestColumns(Table):
@@ -171,6 +179,8 @@ def named_vehicles(losses: tuple[Loss, ...]) -> list[str]:
             names += [name for sector in loss.sectors for name in sector.vehicles]
         elif isinstance(loss, BlackoutLoss):
             names += [name for window in loss.windows for name in (*window.senders, *window.receivers)]
+        elif isinstance(loss, IndependentLoss):
+            names += [*loss.senders, *loss.receivers]
     return names
 
 

@@ -9,8 +9,9 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 from uwcoop.scenario.acoustics import Acoustics
 from uwcoop.scenario.base import NAME, NonNegative, Positive, Table, nearest
 from uwcoop.scenario.chart import ChartSpec
+from uwcoop.scenario.landmark import Deployment, Exchange, Hover, Kidnap, Mutual
 from uwcoop.scenario.sensors import Sensors
-from uwcoop.scenario.vehicle import Drift, Team, Vehicle
+from uwcoop.scenario.vehicle import Drift, Lawnmower, Team, Vehicle, Waypoints
 from uwcoop.scenario.world import Current, NoCurrent, Tide, Waves
 
 
@@ -50,7 +51,8 @@ class Scenario(Table):
     """Of the mission, unless the caller gives another."""
     duration_s: Positive
     """Whole seconds: the world moves in steps of one."""
-    chart: ChartSpec
+    chart: ChartSpec | None = None
+    """The seabed; None: there is none, for vehicles that navigate without it."""
     vehicles: Vehicles
     drift: Drift = Field(default_factory=lambda: Drift.model_validate({}))
     current: Current = NoCurrent()
@@ -58,8 +60,16 @@ class Scenario(Table):
     waves: Waves = Waves()
     sensors: Sensors = Sensors()
     acoustics: Acoustics
+    exchange: Exchange | None = None
+    """Vehicles hover and take turns as the landmark; None: none does, and the four tables below say nothing."""
+    hover: Hover = Hover()
+    deployment: Deployment = Deployment()
+    mutual: Mutual = Mutual()
+    kidnap: Kidnap | None = None
     metrics: Metrics = Metrics()
     diagnostics: Diagnostics = Diagnostics()
+    navigators: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Which packaged navigators take part when nobody is asked for; empty: all for terrain that fit the modem."""
     navigator: dict[str, dict[str, Any]] = Field(default_factory=dict)
     """Options for navigators by name; the navigators check them."""
 
@@ -86,7 +96,8 @@ class Scenario(Table):
 
     def resolved(self) -> dict[str, Any]:
         """Every key with its value, defaults included, ready for JSON; `parse` makes the scenario of it."""
-        dump = self.model_dump(mode="json", exclude_none=True)
+        unused = set() if self.exchange is not None else {"hover", "deployment", "mutual"}
+        dump = self.model_dump(mode="json", exclude_none=True, exclude=unused)
         if not isinstance(self.vehicles, Team):
             team = [vehicle.model_dump(mode="json", exclude_none=True) for vehicle in self.team]
             for given, vehicle in zip(team, self.vehicles, strict=True):
@@ -116,3 +127,50 @@ class Scenario(Table):
                     hint = nearest(name, names)
                     raise ValueError(f"acoustics.{key} names {name!r}: no such vehicle, {hint}")
         return self
+
+    @model_validator(mode="after")
+    def _landmarks_can_alternate(self) -> Scenario:
+        if self.exchange is None:
+            given = {"hover", "deployment", "mutual", "kidnap"} & self.model_fields_set
+            if given and any(getattr(self, name) not in (None, _default(name)) for name in given):
+                raise ValueError(f"has a table {sorted(given)[0]} but no table exchange: must have both")
+            return self
+        names = [vehicle.name for vehicle in self.team]
+        if len(names) < 2:
+            raise ValueError(f"exchange needs 2 vehicles: there is {len(names)}")
+        for vehicle in self.team:
+            if not isinstance(vehicle.path, Waypoints | Lawnmower):
+                raise ValueError(
+                    f"vehicle {vehicle.name} needs waypoints or a lawnmower as its path: it hovers"
+                )
+        main = self.main
+        if len(set(main)) < 2:
+            raise ValueError(f"exchange.main names {main[0]!r} twice: must be two vehicles")
+        named = {"exchange.main": main, "kidnap.vehicle": (self.kidnap.vehicle,) if self.kidnap else ()}
+        for key, who in named.items():
+            for name in who:
+                if name is not None and name not in names:
+                    raise ValueError(f"{key} names {name!r}: no such vehicle, {nearest(name, names)}")
+        path = next(vehicle.path for vehicle in self.team if vehicle.name == main[0])
+        first = path.start_m if isinstance(path, Lawnmower) else (0.0, 0.0)
+        first = path.waypoints_m[0] if isinstance(path, Waypoints) else first
+        if first != (0.0, 0.0):
+            raise ValueError(
+                f"vehicle {main[0]} starts at [{first[0]:g}, {first[1]:g}]: the first landmark's pose is the frame, "
+                "its path must start at [0, 0]"
+            )
+        if self.acoustics.ranging != "one-way":
+            raise ValueError(
+                "acoustics.ranging is 'two-way': with exchange the table mutual says how ranges are had"
+            )
+        return self
+
+    @property
+    def main(self) -> tuple[str, str]:
+        """The first landmark and the first mover of a mission with `exchange`."""
+        named = None if self.exchange is None else self.exchange.main
+        return named or (self.team[0].name, self.team[1].name)
+
+
+def _default(table: str) -> object:
+    return Scenario.model_fields[table].get_default()

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from uwcoop.scenario.base import NonNegative, Positive, Table
+from uwcoop.scenario.base import NonNegative, Point, Positive, Table
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 Rate = Annotated[float, Field(ge=0, le=1000)]
 """Events per second from the start on; 0 switches the sensor off."""
@@ -48,10 +52,20 @@ class GroundVelocitySensor(Table):
 
     rate_hz: Rate = 1.0
     sigma_mps: NonNegative = 0.05
+    """On each axis, at rest."""
+    sigma_per_root_mps: NonNegative = 0.0
+    """Further noise: this times the root of the speed, (m/s)^0.5."""
+    sigma_speed_mps: Point = (0.05, 0.5)
+    """Speeds below and above which the noise does not change any more."""
     scale_sigma: NonNegative = 0.0
     """Relative error of the speed, drawn for each vehicle and mission."""
     misalignment_sigma_deg: NonNegative = 0.0
     """Clockwise error of the mounting, drawn for each vehicle and mission."""
+
+    def sigma_at(self, speed_mps: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Standard deviation on each axis at speeds (K,), m/s."""
+        slow, fast = self.sigma_speed_mps
+        return np.asarray(self.sigma_mps + self.sigma_per_root_mps * np.sqrt(np.clip(speed_mps, slow, fast)))
 
 
 class OdometrySensor(Table):

@@ -126,7 +126,20 @@ class Waypoints(Table):
         return self
 
 
-Path = Annotated[RandomLawnmower | Lawnmower | Waypoints, Field(discriminator="kind")]
+class Adrift(Table):
+    """Not under way: the velocity is pushed about at random and forgotten, so that the vehicle stays around."""
+
+    kind: Literal["adrift"]
+    start_m: Point
+    push_m2ps3: Positive = 1e-4
+    """Spectral density of the white acceleration on each axis."""
+    velocity_time_s: Positive = 500.0
+    """After this time a velocity is forgotten to 1/e."""
+    spread_m: Positive = 250.0
+    """In the long run, standard deviation of the position around its start on each axis."""
+
+
+Path = Annotated[RandomLawnmower | Lawnmower | Waypoints | Adrift, Field(discriminator="kind")]
 
 
 class TrackColumns(Table):
@@ -177,6 +190,8 @@ class VehicleBase(Table):
     speed_mps: Positive = 1.5
     look_ahead_m: Positive = 6.0
     """Distance ahead on the path at which pure pursuit steers."""
+    fuses_ranges: bool = True
+    """False: its navigator takes packets and what they acknowledge, but no range (a support ship with GPS)."""
 
 
 class Team(VehicleBase):

@@ -5,6 +5,7 @@ pub mod dead_reckoning;
 pub mod dmpf;
 pub mod landmark;
 pub mod mpf;
+pub mod origin;
 pub mod range;
 pub mod trajectory;
 
@@ -114,7 +115,8 @@ pub trait Navigator: Send {
         None
     }
 
-    /// Named numbers of the method's own: which core is in force, resets, offsets of the last measurement.
+    /// What else the method can say of itself now, by name with unit (`origin_age_s`): a column each in the record.
+    /// Counts start at 0; what does not apply yet is NaN.
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         Vec::new()
     }
@@ -133,6 +135,11 @@ pub trait TeamEstimator: Send {
 
     /// Bytes of the packet that a slot is assumed to carry, for loss and air time.
     fn assumed_packet_bytes(&self) -> usize;
+
+    /// As [`Navigator::diagnostics`], about one vehicle.
+    fn diagnostics(&self, _vehicle: VehicleId) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
 
     /// As [`Navigator::snapshot`].
     ///

@@ -1,5 +1,6 @@
 //! What a replay writes down: estimates in columns, packets, clouds.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -65,6 +66,8 @@ pub struct Tracks {
     pub rejected: Vec<u64>,
     /// Whether the vehicle said it had no chart to go by.
     pub off_chart: Vec<bool>,
+    /// What navigators said of themselves, a column for each name; NaN where one said nothing of the kind.
+    pub diagnostics: BTreeMap<String, Vec<f64>>,
     /// (vehicle, TOL, bytes) of every packet sent.
     pub sent: Vec<(VehicleId, i64, u32)>,
     /// Every packet at every receiver.
@@ -119,6 +122,7 @@ impl Record {
         for vehicle in 0..self.tracks.vehicles {
             let at = vehicle * self.sample_ns.len() + *cursor;
             self.put(at, &team.estimate(vehicle, t_ns));
+            self.diagnose(at, &team.diagnostics(vehicle));
             if self.cloud_every > 0 && cursor.is_multiple_of(self.cloud_every) {
                 self.cloud(team, vehicle, t_ns);
             }
@@ -137,6 +141,19 @@ impl Record {
         tracks.ess[at] = estimate.ess.unwrap_or(f64::NAN);
         tracks.rejected[at] = estimate.rejected;
         tracks.off_chart[at] = estimate.status == Status::OffChart;
+    }
+
+    fn diagnose(&mut self, at: usize, said: &[(&'static str, f64)]) {
+        let samples = self.tracks.mean_m.len();
+        for (name, value) in said {
+            // Looked up before it is inserted: the name is copied once for each column, not for each sample.
+            if !self.tracks.diagnostics.contains_key(*name) {
+                self.tracks.diagnostics.insert((*name).to_owned(), vec![f64::NAN; samples]);
+            }
+            if let Some(column) = self.tracks.diagnostics.get_mut(*name) {
+                column[at] = *value;
+            }
+        }
     }
 
     fn cloud(&mut self, team: &Team, vehicle: usize, t_ns: i64) {

@@ -84,6 +84,15 @@ impl Team {
         }
     }
 
+    /// What the method says of itself at one vehicle.
+    #[must_use]
+    pub fn diagnostics(&self, vehicle: usize) -> Vec<(&'static str, f64)> {
+        match self {
+            Self::Each(navigators) => navigators[vehicle].diagnostics(),
+            Self::Central(team) => team.diagnostics(vehicle as VehicleId),
+        }
+    }
+
     /// Whether this vehicle's navigator must be told of deliveries.
     #[must_use]
     pub fn needs_delivery_oracle(&self, vehicle: VehicleId) -> bool {
