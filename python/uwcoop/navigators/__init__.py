@@ -16,6 +16,7 @@ from uwcoop import _native
 from uwcoop.errors import NavigatorError
 from uwcoop.navigators import origin
 from uwcoop.navigators import origin_references as references
+from uwcoop.navigators.landmark import LANDMARK_NAVIGATORS
 from uwcoop.navigators.options import (
     DRIFT_PRESETS,
     DeadReckoningOptions,
@@ -262,6 +263,9 @@ NAVIGATORS: dict[str, Spec] = {
     ),
 }
 """Packaged navigators by name."""
+
+for _name, (_summary, _model, _fixed, _make) in LANDMARK_NAVIGATORS.items():
+    NAVIGATORS[_name] = Spec(_summary, _model, _fixed, _make, listed_only=True)
 
 
 def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
