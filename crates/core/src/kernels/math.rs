@@ -116,12 +116,55 @@ pub fn cos_sin_word(word: u32) -> (f32, f32) {
     (negate(c, (quadrant ^ (quadrant >> 1)) & 1), negate(s, quadrant >> 1))
 }
 
+/// (cos 2πv, sin 2πv) for v in [0, 1].
+#[inline(always)]
+#[must_use]
+pub fn cos_sin_turns(v: f64) -> (f64, f64) {
+    let t = 4.0 * v + ROUND;
+    let quadrant = t - ROUND;
+    let r = (4.0 * v - quadrant) * std::f64::consts::FRAC_PI_2;
+    let z = r * r;
+    let mut s = -1.0 / 1_307_674_368_000.0;
+    for c in
+        [1.0 / 6_227_020_800.0, -1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5_040.0, 1.0 / 120.0, -1.0 / 6.0]
+    {
+        s = s * z + c;
+    }
+    let s = r + r * z * s;
+    let mut c = 1.0 / 20_922_789_888_000.0;
+    for k in [
+        -1.0 / 87_178_291_200.0,
+        1.0 / 479_001_600.0,
+        -1.0 / 3_628_800.0,
+        1.0 / 40_320.0,
+        -1.0 / 720.0,
+        1.0 / 24.0,
+        -0.5,
+        1.0,
+    ] {
+        c = c * z + k;
+    }
+    let q = t.to_bits() & 3;
+    let swap = q & 1 == 1;
+    let (cosine, sine) = if swap { (s, c) } else { (c, s) };
+    let negate_cos = q == 1 || q == 2;
+    let negate_sin = q >= 2;
+    (if negate_cos { -cosine } else { cosine }, if negate_sin { -sine } else { sine })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
 
     proptest! {
+        #[test]
+        fn turns_are_angles(v in 0.0..=1.0f64) {
+            let (c, s) = cos_sin_turns(v);
+            let a = v * std::f64::consts::TAU;
+            prop_assert!((c - a.cos()).abs() < 1e-15 && (s - a.sin()).abs() < 1e-15);
+        }
+
         #[test]
         fn exp_is_exp(x in -700.0..700.0f64) {
             prop_assert!((exp(x) / x.exp() - 1.0).abs() < 1e-15);

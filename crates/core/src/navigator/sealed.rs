@@ -158,10 +158,6 @@ impl<N: Navigator> Navigator for Sealed<N> {
         self.inner.takes_ranges()
     }
 
-    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        self.inner.diagnostics()
-    }
-
     fn needs_delivery_oracle(&self) -> bool {
         self.inner.needs_delivery_oracle()
     }
@@ -207,10 +203,6 @@ impl Navigator for Box<dyn Navigator> {
 
     fn takes_ranges(&self) -> bool {
         self.as_ref().takes_ranges()
-    }
-
-    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        self.as_ref().diagnostics()
     }
 
     fn needs_delivery_oracle(&self) -> bool {
