@@ -201,10 +201,10 @@ def page(worlds: Sequence[World], runs: int) -> str:
     """docs/results/comparison.md."""
     parts = [
         "# Comparison",
-        "All terrain navigators over the same missions of three vehicles and 900 s, N = 1500 particles each, with "
-        "[the team's Cramér–Rao bound](../methods/bound.md). Run k of a table has seed k for every navigator; errors "
-        "count after 50 s. NEES: 2 is ideal, its median is over runs and vehicles of the mean over time. *Lost*: more than 30 m "
-        f"off at the end. Measured on {platform.machine()}, {os.cpu_count()} cores, by",
+        "All terrain navigators over the same missions of three vehicles and 900 s, N = 1500 particles each, with [the "
+        "team's Cramér–Rao bound](../methods/bound.md). Run k of a table has seed k for every navigator; errors count "
+        "after 50 s. NEES: 2 is ideal, its median is over runs and vehicles of the mean over time. *Lost*: more than "
+        f"30 m off at the end. Measured on {platform.machine()}, {os.cpu_count()} cores, by",
         f"<!-- no-run: takes an hour -->\n```console\n$ python studies/compare.py --runs {runs}\n```",
         "![RMS error of each navigator in each world, and the bound](../images/comparison.png)",
     ]
@@ -218,9 +218,9 @@ def page(worlds: Sequence[World], runs: int) -> str:
         ]
     parts.append(
         "The real soundings are Takamitsu Iida's single-beam survey of Aburatsubo bay: tracks, soundings and charts are "
-        "recorded, a day never in its own chart; three days are flown at once as one team. Odometry and ranges are simulated. The "
-        "bound of these and of `surveyed-bay` takes the slope from the chart that the vehicles carry, errors and all, so it is a yardstick rather "
-        "than a bound there."
+        "recorded, a day never in its own chart; three days are flown at once as one team. Odometry and ranges are "
+        "simulated. The bound of these and of `surveyed-bay` takes the slope from the chart that the vehicles carry, "
+        "errors and all: a yardstick there rather than a bound."
     )
     return "\n\n".join(parts) + "\n"
 
@@ -236,8 +236,9 @@ def readme(worlds: Sequence[World]) -> None:
         "\n![RMS error of each navigator in each world, and the bound](docs/images/comparison.png)\n\n"
         f"{short_table(worlds)}\n\n"
         "Median RMS error of a mission · median NEES (ideal 2) · share of vehicles more than 30 m off at the end; three "
-        f"vehicles, 900 s, {runs} seeds each, simulated; in the last columns tracks, soundings and charts are recorded (other days' chart), ranges "
-        "and odometry simulated. Everything else, with commands: [docs/results/comparison.md](docs/results/comparison.md).\n"
+        f"vehicles, 900 s, {runs} seeds each, simulated. In the last columns tracks, soundings and charts are recorded "
+        "(other days' chart), ranges and odometry simulated. More, with commands: "
+        "[docs/results/comparison.md](docs/results/comparison.md).\n"
     )
     path.write_text(before + BEGIN + block + END + after, encoding="utf-8")
 

@@ -19,7 +19,7 @@ from uwcoop.authentication import authenticator_of, tag_bytes_of
 from uwcoop.cli import app
 from uwcoop.errors import NavigatorError, ScenarioError
 from uwcoop.missionlog.mcap import load_log, write_log
-from uwcoop.navigators import Context, Custom, build, native_chart, options_of
+from uwcoop.navigators import NAVIGATORS, Context, Custom, build, native_chart, options_of
 from uwcoop.run import native_mission, replay_for, sample_times_ns
 from uwcoop.scenario import load, parse
 from uwcoop.simulate import simulate
@@ -233,3 +233,71 @@ def test_a_log_of_real_packets_needs_its_key() -> None:
     assert tag_bytes_of(log.scenario) == 8
     assert tag_bytes_of({}) == 0
     assert authenticator_of(replace(log, scenario={})) is None
+
+
+def talking(vehicle: int, name: str, tables: dict[str, Any], tag: _native.Authenticator) -> _native.Navigator:
+    """A native navigator of a team of two after ten ordinary seconds, sealed."""
+    context = Context(vehicle, 2, 1500.0, 0, None, (True, False) if name.startswith("deif") else (True, True))
+    it = build(name, context, options_of(name, tables), None)
+    it.handle(_native.Event(0, vehicle, "fix", **START))
+    for second in range(10):
+        at = second * 1_000_000_000
+        for kind, values in SENSED.items():
+            it.handle(_native.Event(at, vehicle, kind, **values))
+    return it.sealed(vehicle, 2, tag)
+
+
+START = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 25.0, "cov_en_m2": 0.0, "cov_nn_m2": 25.0}
+SENSED = {
+    "depth": {"depth_m": 2.0, "sigma_m": 0.1},
+    "heading": {"yaw_rad": 0.5, "sigma_rad": 0.01},
+    "ground_velocity": {"forward_mps": 1.0, "left_mps": 0.0, "sigma_mps": 0.05},
+    "motion": {"velocity_e_mps": 0.9, "velocity_n_mps": 0.5},
+}
+NATIVE = [name for name, spec in NAVIGATORS.items() if not spec.central]
+
+
+@pytest.mark.parametrize("name", NATIVE)
+def test_forged_packets_change_nothing_in_any_navigator(name: str) -> None:
+    tables = load("flat-bay", ["navigator.all.particles=20", f"{TAGS}=8"]).resolved()
+    tag = _native.Authenticator(bytes(range(32)), 8, 5)
+    mine, other = talking(0, name, tables, tag), talking(1, name, tables, tag)
+    packets = {t: other.transmit(t, 2**31 - 1) for t in (10_000_000_000, 20_000_000_000)}
+    known = {t: packet for t, packet in packets.items() if packet is not None}
+    before = mine.snapshot()
+    rng = np.random.default_rng(7)
+    rejected = mine.estimate(10_000_000_000).rejected
+    tries = 200
+    for _ in range(tries):
+        tol_ns = int(rng.choice(list(known))) if known else 10_000_000_000
+        packet = bytearray(known.get(tol_ns, bytes(15)))
+        match rng.integers(4):
+            case 0:
+                packet[rng.integers(len(packet))] ^= 1 << rng.integers(8)
+            case 1:
+                del packet[rng.integers(len(packet)) :]
+            case 2:
+                packet = bytearray(rng.bytes(int(rng.integers(1, 60))))
+            case 3:
+                tol_ns += int(rng.integers(1, 1_000_000_000))
+        event = _native.Event(
+            30_000_000_000, 0, "reception", sender=1, tol_ns=tol_ns, toa_ns=tol_ns + 9_000_000, bytes=bytes(packet)
+        )  # fmt: skip
+        assert mine.handle(event) == "rejected"
+    after = mine.estimate(10_000_000_000)
+    assert after.rejected == rejected + tries
+    fresh = talking(0, name, tables, tag)
+    np.testing.assert_array_equal(after.mean_m, fresh.estimate(10_000_000_000).mean_m)
+    np.testing.assert_array_equal(after.covariance_m2, fresh.estimate(10_000_000_000).covariance_m2)
+    # Restored from before the assault it takes authentic packets as if nothing had been.
+    said: list[list[str]] = [[], []]
+    for k, it in enumerate((mine, fresh)):
+        it.restore(before)
+        for tol_ns, packet in sorted(known.items()):
+            event = _native.Event(
+                30_000_000_000, 0, "reception", sender=1, tol_ns=tol_ns, toa_ns=tol_ns + 9_000_000, bytes=packet
+            )  # fmt: skip
+            said[k].append(it.handle(event))
+    assert said[0] == said[1]
+    assert "rejected" not in said[0][:1]
+    assert mine.snapshot() == fresh.snapshot()

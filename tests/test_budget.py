@@ -33,6 +33,8 @@ def rendered(found: Budget, width: int = 80) -> str:
 @pytest.mark.parametrize("name", list(NAVIGATORS))
 def test_the_fields_of_every_packet_add_up(name: str, tag_bytes: int) -> None:
     tables = load("flat-bay", ["acoustics.modem=unlimited", f"{TAGS}={tag_bytes}"]).resolved()
+    if name.startswith("deif"):  # a one-way method: one vehicle alone uses ranges
+        tables["vehicles"] = [{"fuses_ranges": k == 1} for k in range(3)]
     size = packet_bytes(name, tables, 3, acoustics.NO_LIMIT_BYTES)
     fields = packet_fields(name, tables, 3, acoustics.NO_LIMIT_BYTES)
     if size is None:

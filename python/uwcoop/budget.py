@@ -232,10 +232,8 @@ def _packet(
     if NAVIGATORS[name].central:
         return None, ()
     tag_bytes = tag_bytes_of(tables)
-    ranging = ranging_of(tables)
     sound_speed_mps = tables["acoustics"]["sound_speed_mps"]
-    # Of a team of another size the scenario does not say who ranges.
-    context = Context(0, vehicles, sound_speed_mps, 0, None, ranging if len(ranging) == vehicles else ())
+    context = Context(0, vehicles, sound_speed_mps, 0, None, _ranging(tables, vehicles))
 
     def ready() -> tuple[_native.Navigator, int]:
         navigator = build(name, context, options_of(name, tables), None)
@@ -253,6 +251,15 @@ def _packet(
         navigator, launch_ns = ready()
         packet, fields = navigator.transmit_described(launch_ns, acoustics.NO_LIMIT_BYTES)
     return packet, tuple(Field(field, bits, count, _meaning(scale)) for field, bits, count, scale in fields)
+
+
+def _ranging(tables: Mapping[str, Any], vehicles: int) -> tuple[bool, ...]:
+    """Who uses ranges in a team of another size: as many as in the scenario's, and the first one only sends."""
+    known = ranging_of(tables)
+    if len(known) == vehicles or all(known):
+        return known if len(known) == vehicles else ()
+    users = min(sum(known), vehicles - 1)
+    return (False,) * (vehicles - users) + (True,) * users
 
 
 def _under_way(navigator: _native.Navigator, cycle_s: float) -> int:

@@ -8,10 +8,17 @@ use std::sync::{Arc, OnceLock};
 use uwcoop_core::chart::Chart;
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload};
+use uwcoop_core::information::replica::Methods;
 use uwcoop_core::link::{Authenticator, ReplayGuard};
+use uwcoop_core::navigator::origin::interleaved::{Interleaved, InterleavedOptions};
+use uwcoop_core::navigator::origin::local::LocalOptions;
+use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::navigator::sealed::Sealed;
+use uwcoop_core::navigator::team::TeamOptions;
 use uwcoop_core::navigator::{Navigator, Outcome};
+use uwcoop_core::packet::graph::GraphForm;
 use uwcoop_core::packet::{PacketKind, seal};
+use world::fleet::{team_of, team_options};
 use world::*;
 
 const OWN: u16 = 1;
@@ -41,8 +48,41 @@ fn kinds(own: u16) -> Vec<(&'static str, Boxed)> {
         ("belief f64", Box::new(mpf::<2>(own, TEAM, mpf_of(PacketKind::BeliefF64), &chart, 5))),
         ("mixture", Box::new(dmpf(own, TEAM, of(PacketKind::Mixture), &chart, 5))),
         ("cloud", Box::new(dmpf(own, TEAM, of(PacketKind::Cloud), &chart, 5))),
+        (
+            "team",
+            Box::new(team_of(
+                own,
+                TeamOptions { tag_bytes: 8, ..team_options(TEAM, 12) },
+                Some(chart.clone()),
+            )),
+        ),
+        (
+            "team f64",
+            Box::new(team_of(own, TeamOptions { packet_f64: true, ..team_options(TEAM, 12) }, None)),
+        ),
+        ("pose graph", Box::new(mdeif(own))),
+        ("bank of beliefs", Box::new(interleaved(own))),
         ("belief to mpf<4>", Box::new(mpf::<4>(own, TEAM, mpf_of(PacketKind::Belief), &chart, 5))),
     ]
+}
+
+const LOCAL: LocalOptions = LocalOptions {
+    process_noise_m2_per_s3: 1e-4,
+    process_noise_dvl_m2_per_s3: 1e-2,
+    sigma_velocity0_mps: 1.0,
+    sigma_range_m: 1.0,
+    gate_sigmas: 6.0,
+};
+
+fn mdeif(own: u16) -> Mdeif {
+    let methods = Methods { joint: true, equation_6: true, loss_max: 1e-4 };
+    let options = MdeifOptions { local: LOCAL, form: GraphForm::F64, exact_lags: 2, methods };
+    Mdeif::new(own, &[true; TEAM], options, SOUND_SPEED_MPS).unwrap()
+}
+
+fn interleaved(own: u16) -> Interleaved {
+    let options = InterleavedOptions { local: LOCAL, ranging: true };
+    Interleaved::new(own, TEAM, options, SOUND_SPEED_MPS).unwrap()
 }
 
 /// Two members of a team that has been under way for twenty seconds.

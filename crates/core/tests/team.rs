@@ -273,9 +273,8 @@ fn without_a_chart_ranges_alone_do_no_harm() {
 fn a_group_of_one_leaves_ranges_between_teammates_out() {
     let mut options = team_options(5, PARTICLES);
     options.group_size = 1;
-    let mut fleet: Vec<Box<dyn Navigator>> = (0..5)
-        .map(|v| Box::new(team_of(v, options.clone(), Some(rich()))) as Box<dyn Navigator>)
-        .collect();
+    let mut fleet: Vec<Box<dyn Navigator>> =
+        (0..5).map(|v| Box::new(team_of(v, options.clone(), Some(rich()))) as Box<dyn Navigator>).collect();
     let outcomes = play(&mut fleet, &acts(5, 150), |_, _, _| true);
     assert!(outcomes.iter().all(|o| *o == Outcome::Fused));
     for (v, navigator) in fleet.iter().enumerate() {

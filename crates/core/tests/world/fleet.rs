@@ -53,8 +53,9 @@ pub fn acts(vehicles: u16, seconds: i64) -> Vec<Act> {
     for v in 0..vehicles {
         all.push(Act::Event(fix(0, v, track(v, 0.0), 4.0)));
     }
-    let errors: Vec<Vec<f64>> =
-        (0..vehicles).map(|v| world_noise(3, v, seconds as usize + 1).iter().map(|x| 0.05 * x).collect()).collect();
+    let errors: Vec<Vec<f64>> = (0..vehicles)
+        .map(|v| world_noise(3, v, seconds as usize + 1).iter().map(|x| 0.05 * x).collect())
+        .collect();
     for second in 0..=seconds {
         for v in 0..vehicles {
             let mut vehicle = Vehicle::new(v, |t| track(v, t));
