@@ -3,8 +3,10 @@
 use serde::{Deserialize, Serialize};
 
 use crate::kernels::likelihood::{RangeBelief, add_range_misfit, misfit_to_log_likelihood};
-use crate::kernels::particles::{cholesky_2x2, gather, liu_west, liu_west_bandwidth, roughen};
-use crate::kernels::weights::{self, moments, weighted_mean};
+use crate::kernels::particles::{
+    Step, cholesky_2x2, gather, liu_west, liu_west_bandwidth, propagate_drawn, roughen_drawn,
+};
+use crate::kernels::weights::{self, moments, weighted_means};
 use crate::noise::Stream;
 
 /// N particles: position, K linear states with a mean each, a datum offset with its own variance each.
@@ -116,15 +118,9 @@ impl<const K: usize> Cloud<K> {
         &mut self.scratch
     }
 
-    /// Position and linear columns together with two columns of normals in scratch, for propagation.
-    #[allow(clippy::type_complexity)]
-    pub fn with_normals(
-        &mut self,
-        stream: &Stream,
-    ) -> (&mut [f64], &mut [f64], &mut [Vec<f64>; K], &[f64], &[f64]) {
-        self.scratch.fit(self.east.len());
-        stream.normal_pairs(0, &mut self.scratch.a, &mut self.scratch.b);
-        (&mut self.east, &mut self.north, &mut self.linear, &self.scratch.a, &self.scratch.b)
+    /// Propagates every particle by `step` (5)–(8) with the normals of `stream`.
+    pub fn propagate(&mut self, step: &Step<K>, stream: &Stream) {
+        propagate_drawn(step, stream, &mut self.east, &mut self.north, &mut self.linear);
     }
 
     /// Positions and a zeroed scratch column for log-likelihoods, to be handed to [`Cloud::reweight`].
@@ -213,7 +209,7 @@ impl<const K: usize> Cloud<K> {
     /// Mean of the linear states.
     #[must_use]
     pub fn linear_mean(&self) -> [f64; K] {
-        std::array::from_fn(|k| weighted_mean(&self.weights, &self.linear[k]))
+        weighted_means(&self.weights, &self.linear.each_ref().map(Vec::as_slice))
     }
 
     /// Residual resampling; all columns follow their particle, weights become equal. Returns (ancestors, counts).
@@ -221,8 +217,9 @@ impl<const K: usize> Cloud<K> {
         let n = self.len();
         self.scratch.fit(n);
         let s = &mut self.scratch;
-        stream.uniforms(0, &mut s.a);
-        weights::residual_resample(&self.weights, &s.a, &mut s.cdf, &mut s.counts, &mut s.ancestors);
+        let left = weights::residual_copies(&self.weights, &mut s.cdf, &mut s.counts);
+        stream.uniforms(0, &mut s.a[..left]);
+        weights::residual_draw(&s.a[..left], &s.cdf, &mut s.counts, &mut s.ancestors);
         for column in [&mut self.east, &mut self.north, &mut self.offset, &mut self.offset_variance]
             .into_iter()
             .chain(&mut self.linear)
@@ -236,9 +233,7 @@ impl<const K: usize> Cloud<K> {
     /// The paper's roughening of the particles that the last [`Cloud::resample`] copied more than once.
     pub fn roughen(&mut self, variance_m2: f64, stream: &Stream) {
         self.scratch.fit(self.east.len());
-        let s = &mut self.scratch;
-        stream.normal_pairs(0, &mut s.a, &mut s.b);
-        roughen(&mut self.east, &mut self.north, &s.ancestors, &s.counts, variance_m2, &s.a, &s.b);
+        roughen_drawn(&mut self.east, &mut self.north, &self.scratch.ancestors, variance_m2, stream);
     }
 
     /// Liu–West on the joint [east, north, offset, linear…] of an equally weighted cloud.

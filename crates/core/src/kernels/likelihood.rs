@@ -52,7 +52,13 @@ pub fn terrain_log_likelihood_fast(
             pattern,
             east,
             north,
-            Differences { differences, inverse: 1.0 / sigma_m as f32, out },
+            Differences {
+                differences,
+                inverse: 1.0 / sigma_m as f32,
+                out,
+                previous: [0.0; LANES],
+                sum: [0.0; LANES],
+            },
         )
 }
 
@@ -61,23 +67,30 @@ struct Differences<'a> {
     differences: &'a [f64],
     inverse: f32,
     out: &'a mut [f64],
+    previous: [f32; LANES],
+    sum: [f32; LANES],
 }
 
 impl Block for Differences<'_> {
     #[inline(always)]
-    fn take(&mut self, first: usize, count: usize, depths: impl Fn(usize) -> [f32; LANES]) {
-        let mut previous = depths(0);
-        let mut sum = [0.0f32; LANES];
-        for (k, difference) in self.differences.iter().enumerate() {
-            let here = depths(k + 1);
+    fn take(&mut self, _: usize, _: usize, k: usize, depths: &[[f32; LANES]]) {
+        // In locals, which stay in registers; differences begin at the second point.
+        let (mut previous, mut sum, skip) =
+            if k > 0 { (self.previous, self.sum, 0) } else { (depths[0], [0.0; LANES], 1) };
+        for (depths, difference) in depths[skip..].iter().zip(&self.differences[k + skip - 1..]) {
             let difference = *difference as f32;
             for l in 0..LANES {
-                let r = (difference - (here[l] - previous[l])) * self.inverse;
+                let r = (difference - (depths[l] - previous[l])) * self.inverse;
                 sum[l] += r * r;
             }
-            previous = here;
+            previous = *depths;
         }
-        for (out, sum) in self.out[first..first + count].iter_mut().zip(sum) {
+        (self.previous, self.sum) = (previous, sum);
+    }
+
+    #[inline(always)]
+    fn finish(&mut self, first: usize, count: usize) {
+        for (out, sum) in self.out[first..first + count].iter_mut().zip(self.sum) {
             *out = -0.5 * f64::from(sum);
         }
     }

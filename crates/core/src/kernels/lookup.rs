@@ -1,5 +1,7 @@
 //! Bilinear lookups: one point on the exact path, whole rigid patterns on the fast one.
 
+use super::math::floor_split;
+
 /// A node value: charts hold f32, golden cases f64.
 pub trait Node: Copy {
     /// The value as f64.
@@ -157,105 +159,170 @@ struct Cells {
     fn_: [f32; LANES],
 }
 
-/// f64 → integer through the rounding trick (vectorises, where `floor` is a call on the baseline); `value` must be
-/// within ±2^31.
-#[inline(always)]
-fn floor_split(value: f64) -> (i32, f64) {
-    const ROUND: f64 = 6_755_399_441_055_744.0;
-    let nearest = (value + ROUND) - ROUND;
-    let floor = if nearest > value { nearest - 1.0 } else { nearest };
-    ((floor + ROUND).to_bits() as i32, value - floor)
-}
-
 #[inline(always)]
 fn cells(grid: &Grid<'_, f32>, east_m: &[f64], north_m: &[f64]) -> Cells {
+    let n = east_m.len().min(north_m.len()).min(LANES);
+    // Unused lanes repeat the first particle: they read what is known to be on the grid.
+    let (mut east, mut north) = ([east_m[0]; LANES], [north_m[0]; LANES]);
+    if let (Some(e), Some(n)) = (east_m.first_chunk::<LANES>(), north_m.first_chunk::<LANES>()) {
+        (east, north) = (*e, *n);
+    } else {
+        east[..n].copy_from_slice(&east_m[..n]);
+        north[..n].copy_from_slice(&north_m[..n]);
+    }
     let mut c = Cells { index: [0; LANES], fe: [0.0; LANES], fn_: [0.0; LANES] };
     let inverse = 1.0 / grid.cell_m;
-    let n = east_m.len().min(LANES);
-    for l in 0..n {
-        let (column, fe) = floor_split((east_m[l] - grid.east0_m) * inverse);
-        let (row, fn_) = floor_split((north_m[l] - grid.north0_m) * inverse);
+    for l in 0..LANES {
+        let (column, fe) = floor_split((east[l] - grid.east0_m) * inverse);
+        let (row, fn_) = floor_split((north[l] - grid.north0_m) * inverse);
         c.index[l] = row.wrapping_mul(grid.cols as i32).wrapping_add(column);
         c.fe[l] = fe as f32;
         c.fn_[l] = fn_ as f32;
     }
-    // Unused lanes repeat the first particle: they read what is known to be on the grid.
-    for l in n..LANES {
-        (c.index[l], c.fe[l], c.fn_[l]) = (c.index[0], c.fe[0], c.fn_[0]);
-    }
     c
 }
 
-/// Depths of one pattern point for a block of particles, f32.
-///
-/// # Safety
-/// Each particle's pattern point must lie on the grid at least one cell away from its edge ([`Pattern::fits`]).
-#[inline(always)]
-unsafe fn point_depths(grid: &Grid<'_, f32>, cells: &Cells, point: PatternPoint) -> [f32; LANES] {
-    let mut out = [0.0f32; LANES];
-    let cols = grid.cols as i32;
-    for l in 0..LANES {
-        let (fe, fn_) = (cells.fe[l] + point.fe, cells.fn_[l] + point.fn_);
-        let (carry_e, carry_n) = (fe >= 1.0, fn_ >= 1.0);
-        let fe = if carry_e { fe - 1.0 } else { fe };
-        let fn_ = if carry_n { fn_ - 1.0 } else { fn_ };
-        let index =
-            cells.index[l] + point.shift + if carry_e { 1 } else { 0 } + if carry_n { cols } else { 0 };
-        let at = index as usize;
-        debug_assert!(index >= 0 && at + grid.cols + 1 < grid.values.len());
-        // SAFETY: the caller's promise; the four nodes of a cell that is inside the grid.
-        let (sw, se, nw, ne) = unsafe {
-            (
-                *grid.values.get_unchecked(at),
-                *grid.values.get_unchecked(at + 1),
-                *grid.values.get_unchecked(at + grid.cols),
-                *grid.values.get_unchecked(at + grid.cols + 1),
-            )
-        };
-        let south = sw + fe * (se - sw);
-        let north = nw + fe * (ne - nw);
-        out[l] = south + fn_ * (north - south);
+/// Where one pattern point of a block of particles falls: the first node of each cell, and the fractions.
+#[derive(Clone, Copy)]
+struct Aim {
+    at: [u32; LANES],
+    fe: [f32; LANES],
+    fn_: [f32; LANES],
+}
+
+const NO_AIM: Aim = Aim { at: [0; LANES], fe: [0.0; LANES], fn_: [0.0; LANES] };
+
+/// Points that are aimed at before the first depth is loaded: then loads need not wait for arithmetic.
+const AIMS: usize = 16;
+
+/// How a block of particles is aimed and loaded.
+trait Loads {
+    /// Aims at `point`; `cols` is the grid's.
+    ///
+    /// # Safety
+    /// The processor must have what this is made of.
+    unsafe fn aim(&self, cells: &Cells, point: PatternPoint, cols: i32) -> Aim;
+
+    /// Depths of one pattern point for a block of particles, f32.
+    ///
+    /// # Safety
+    /// Each cell must lie on the grid ([`Pattern::fits`]), and the processor must have what the loads are made of.
+    unsafe fn load(&self, grid: &Grid<'_, f32>, aim: &Aim) -> [f32; LANES];
+}
+
+/// One particle after the other.
+struct Scalar;
+
+impl Loads for Scalar {
+    #[inline(always)]
+    unsafe fn aim(&self, cells: &Cells, point: PatternPoint, cols: i32) -> Aim {
+        let mut aim = NO_AIM;
+        for l in 0..LANES {
+            let (fe, fn_) = (cells.fe[l] + point.fe, cells.fn_[l] + point.fn_);
+            let (carry_e, carry_n) = (fe >= 1.0, fn_ >= 1.0);
+            aim.fe[l] = if carry_e { fe - 1.0 } else { fe };
+            aim.fn_[l] = if carry_n { fn_ - 1.0 } else { fn_ };
+            let index = cells.index[l].wrapping_add(point.shift);
+            let index = index.wrapping_add(if carry_e { 1 } else { 0 });
+            aim.at[l] = index.wrapping_add(if carry_n { cols } else { 0 }) as u32;
+        }
+        aim
     }
-    out
+
+    #[inline(always)]
+    unsafe fn load(&self, grid: &Grid<'_, f32>, aim: &Aim) -> [f32; LANES] {
+        let mut out = [0.0f32; LANES];
+        for l in 0..LANES {
+            let at = aim.at[l] as usize;
+            debug_assert!(at + grid.cols + 1 < grid.values.len());
+            // SAFETY: the caller's promise; the four nodes of a cell that is inside the grid.
+            let (sw, se, nw, ne) = unsafe {
+                (
+                    *grid.values.get_unchecked(at),
+                    *grid.values.get_unchecked(at + 1),
+                    *grid.values.get_unchecked(at + grid.cols),
+                    *grid.values.get_unchecked(at + grid.cols + 1),
+                )
+            };
+            let south = sw + aim.fe[l] * (se - sw);
+            let north = nw + aim.fe[l] * (ne - nw);
+            out[l] = south + aim.fn_[l] * (north - south);
+        }
+        out
+    }
 }
 
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
-    use super::{Cells, Grid, LANES, PatternPoint};
+    use super::{Aim, Cells, Grid, LANES, Loads, NO_AIM, PatternPoint};
     use std::arch::x86_64::*;
 
-    /// As `super::point_depths`, eight particles at a time: one 8-byte load for each pair of nodes. Gathers cost twice.
+    /// Eight particles at a time.
+    pub(super) struct Vector;
+
+    impl Loads for Vector {
+        #[inline(always)]
+        unsafe fn aim(&self, cells: &Cells, point: PatternPoint, cols: i32) -> Aim {
+            // SAFETY: the caller's promise.
+            unsafe { aim(cells, point, cols) }
+        }
+
+        #[inline(always)]
+        unsafe fn load(&self, grid: &Grid<'_, f32>, aim: &Aim) -> [f32; LANES] {
+            // SAFETY: the caller's promise.
+            unsafe { point_depths(grid, aim) }
+        }
+    }
+
+    /// By hand: the compiler makes masked stores of the choices, which are slow.
     ///
     /// # Safety
-    /// The processor has AVX2, and the promise of `super::point_depths`.
+    /// The processor has AVX2.
     #[inline]
     #[target_feature(enable = "avx2")]
-    pub(super) unsafe fn point_depths(
-        grid: &Grid<'_, f32>,
-        cells: &Cells,
-        point: PatternPoint,
-    ) -> [f32; LANES] {
-        let mut out = [0.0f32; LANES];
+    unsafe fn aim(cells: &Cells, point: PatternPoint, cols: i32) -> Aim {
+        let mut aim = NO_AIM;
         let one = _mm256_set1_ps(1.0);
-        let cols = _mm256_set1_epi32(grid.cols as i32);
-        for half in 0..LANES / 8 {
-            let o = half * 8;
-            // SAFETY: loads and stores stay inside the arrays of LANES entries; nodes by the caller's promise.
+        for o in [0, 8] {
+            // SAFETY: loads and stores stay inside the arrays of LANES entries.
             unsafe {
                 let fe = _mm256_add_ps(_mm256_loadu_ps(cells.fe.as_ptr().add(o)), _mm256_set1_ps(point.fe));
                 let fn_ =
                     _mm256_add_ps(_mm256_loadu_ps(cells.fn_.as_ptr().add(o)), _mm256_set1_ps(point.fn_));
                 let carry_e = _mm256_cmp_ps::<_CMP_GE_OQ>(fe, one);
                 let carry_n = _mm256_cmp_ps::<_CMP_GE_OQ>(fn_, one);
-                let fe = _mm256_sub_ps(fe, _mm256_and_ps(carry_e, one));
-                let fn_ = _mm256_sub_ps(fn_, _mm256_and_ps(carry_n, one));
                 let index = _mm256_loadu_si256(cells.index.as_ptr().add(o).cast());
                 let index = _mm256_add_epi32(index, _mm256_set1_epi32(point.shift));
                 let index = _mm256_sub_epi32(index, _mm256_castps_si256(carry_e));
-                let index = _mm256_add_epi32(index, _mm256_and_si256(_mm256_castps_si256(carry_n), cols));
-                let mut at = [0i32; 8];
-                _mm256_storeu_si256(at.as_mut_ptr().cast(), index);
-                let (south, north) = (row(grid, &at, 0, fe), row(grid, &at, grid.cols, fe));
+                let row = _mm256_and_si256(_mm256_castps_si256(carry_n), _mm256_set1_epi32(cols));
+                _mm256_storeu_si256(aim.at.as_mut_ptr().add(o).cast(), _mm256_add_epi32(index, row));
+                let fe = _mm256_sub_ps(fe, _mm256_and_ps(carry_e, one));
+                let fn_ = _mm256_sub_ps(fn_, _mm256_and_ps(carry_n, one));
+                _mm256_storeu_ps(aim.fe.as_mut_ptr().add(o), fe);
+                _mm256_storeu_ps(aim.fn_.as_mut_ptr().add(o), fn_);
+            }
+        }
+        aim
+    }
+
+    /// One 8-byte load for each pair of nodes. Gathers cost twice.
+    ///
+    /// # Safety
+    /// The processor has AVX2, and the promise of [`Loads::load`].
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    unsafe fn point_depths(grid: &Grid<'_, f32>, aim: &Aim) -> [f32; LANES] {
+        let mut out = [0.0f32; LANES];
+        let nodes = grid.values.as_ptr();
+        for half in 0..LANES / 8 {
+            let o = half * 8;
+            debug_assert!(aim.at.iter().all(|at| *at as usize + grid.cols + 1 < grid.values.len()));
+            // SAFETY: loads and stores stay inside the arrays of LANES entries; nodes by the caller's promise.
+            unsafe {
+                let at = &*aim.at.as_ptr().add(o).cast::<[u32; 8]>();
+                let fe = _mm256_loadu_ps(aim.fe.as_ptr().add(o));
+                let fn_ = _mm256_loadu_ps(aim.fn_.as_ptr().add(o));
+                let (south, north) = (row(nodes, at, fe), row(nodes.add(grid.cols), at, fe));
                 let depth = _mm256_add_ps(south, _mm256_mul_ps(fn_, _mm256_sub_ps(north, south)));
                 _mm256_storeu_ps(out.as_mut_ptr().add(o), depth);
             }
@@ -263,15 +330,15 @@ mod avx2 {
         out
     }
 
-    /// Depths between the western and eastern nodes of eight cells, `ahead` nodes after the cells' first.
+    /// Depths between the western and eastern nodes of eight cells.
     ///
     /// # Safety
-    /// The processor has AVX2; each `at + ahead` and the node after it are on the grid.
+    /// The processor has AVX2; each node `at` and the one after it can be read from `nodes`.
     #[inline]
     #[target_feature(enable = "avx2")]
-    unsafe fn row(grid: &Grid<'_, f32>, at: &[i32; 8], ahead: usize, fe: __m256) -> __m256 {
+    unsafe fn row(nodes: *const f32, at: &[u32; 8], fe: __m256) -> __m256 {
         // SAFETY: the caller's promise, here and in the loads below.
-        let node = |l: usize| unsafe { grid.values.as_ptr().add(at[l] as usize + ahead) };
+        let node = |l: usize| unsafe { nodes.add(at[l] as usize) };
         // [w e w e] of two neighbours in a half; halves so that one shuffle splits wests from easts in order.
         let pair = |l: usize| unsafe {
             let low = _mm_castpd_ps(_mm_load_sd(node(l).cast()));
@@ -301,23 +368,26 @@ mod avx2 {
 /// A trait and not a closure: methods can be inlined for sure, so that they are compiled for AVX2 with the lookups and
 /// keep their sums in registers.
 pub trait Block {
-    /// Takes the depths of the particles `first..first + count`; `depths(k)` looks up the pattern's k-th point for all of
-    /// them (k below the pattern's length; lanes from `count` on repeat the first particle).
-    fn take(&mut self, first: usize, count: usize, depths: impl Fn(usize) -> [f32; LANES]);
+    /// Depths at the points from the `k`-th on, a few at a time and in order, for the particles `first..first + count`;
+    /// lanes from `count` on repeat the first particle.
+    fn take(&mut self, first: usize, count: usize, k: usize, depths: &[[f32; LANES]]);
+
+    /// All points of these particles have come.
+    fn finish(&mut self, first: usize, count: usize);
 }
 
-struct EachPoint<F> {
-    points: usize,
-    sink: F,
-}
+struct EachPoint<F>(F);
 
 impl<F: FnMut(usize, usize, usize, &[f32; LANES])> Block for EachPoint<F> {
     #[inline(always)]
-    fn take(&mut self, first: usize, count: usize, depths: impl Fn(usize) -> [f32; LANES]) {
-        for k in 0..self.points {
-            (self.sink)(first, count, k, &depths(k));
+    fn take(&mut self, first: usize, count: usize, k: usize, depths: &[[f32; LANES]]) {
+        for (later, depths) in depths.iter().enumerate() {
+            (self.0)(first, count, k + later, depths);
         }
     }
+
+    #[inline(always)]
+    fn finish(&mut self, _: usize, _: usize) {}
 }
 
 /// Depths of every pattern point of every particle, handed over in blocks: `sink(first, count, point, depths)`.
@@ -330,7 +400,7 @@ pub fn pattern_depths(
     north_m: &[f64],
     sink: impl FnMut(usize, usize, usize, &[f32; LANES]),
 ) -> bool {
-    pattern_blocks(grid, pattern, east_m, north_m, EachPoint { points: pattern.len(), sink })
+    pattern_blocks(grid, pattern, east_m, north_m, EachPoint(sink))
 }
 
 /// As [`pattern_depths`], block by block.
@@ -353,15 +423,15 @@ pub fn pattern_blocks(
         return true;
     }
     // SAFETY: as above.
-    unsafe { blocks(grid, pattern, &east_m[..n], &north_m[..n], block, |c, p| point_depths(grid, c, p)) };
+    unsafe { blocks(grid, pattern, &east_m[..n], &north_m[..n], block, &Scalar) };
     true
 }
 
-/// Every block of particles, with `depths` to look up one point of a block.
+/// Every block of particles.
 ///
 /// # Safety
 /// The pattern fits the grid for the bounds of all positions, so every cell is on the grid with a margin of two cells
-/// (rounding of offsets and fractions moves a point by far less). `depths` may rely on it.
+/// (rounding of offsets and fractions moves a point by far less). The processor has what `loads` is made of.
 #[inline(always)]
 unsafe fn blocks(
     grid: &Grid<'_, f32>,
@@ -369,11 +439,24 @@ unsafe fn blocks(
     east_m: &[f64],
     north_m: &[f64],
     mut block: impl Block,
-    depths: impl Fn(&Cells, PatternPoint) -> [f32; LANES],
+    loads: &impl Loads,
 ) {
+    let (mut aims, mut depths) = ([NO_AIM; AIMS], [[0.0; LANES]; AIMS]);
     for (index, (e, n)) in east_m.chunks(LANES).zip(north_m.chunks(LANES)).enumerate() {
         let cells = cells(grid, e, n);
-        block.take(index * LANES, e.len(), |k| depths(&cells, pattern.points[k]));
+        let (first, count) = (index * LANES, e.len().min(n.len()));
+        for (part, points) in pattern.points.chunks(AIMS).enumerate() {
+            for (point, aim) in points.iter().zip(&mut aims) {
+                // SAFETY: the caller's promise.
+                *aim = unsafe { loads.aim(&cells, *point, grid.cols as i32) };
+            }
+            for (depths, aim) in depths.iter_mut().zip(&aims[..points.len()]) {
+                // SAFETY: the caller's promise.
+                *depths = unsafe { loads.load(grid, aim) };
+            }
+            block.take(first, count, part * AIMS, &depths[..points.len()]);
+        }
+        block.finish(first, count);
     }
 }
 
@@ -391,7 +474,7 @@ unsafe fn blocks_avx2(
     block: impl Block,
 ) {
     // SAFETY: the caller's promise.
-    unsafe { blocks(grid, pattern, east_m, north_m, block, |c, p| avx2::point_depths(grid, c, p)) };
+    unsafe { blocks(grid, pattern, east_m, north_m, block, &avx2::Vector) };
 }
 
 super::dispatch! {
@@ -487,8 +570,11 @@ mod tests {
             #[cfg(target_arch = "x86_64")]
             if std::arch::is_x86_feature_detected!("avx2") {
                 for p in &pattern.points {
-                    let (a, b) = unsafe { (point_depths(&grid, &c, *p), avx2::point_depths(&grid, &c, *p)) };
-                    prop_assert_eq!(a.map(f32::to_bits), b.map(f32::to_bits));
+                    let bits = |loads: &dyn Loads| unsafe {
+                        let aim = loads.aim(&c, *p, cols as i32);
+                        (aim.at, loads.load(&grid, &aim).map(f32::to_bits))
+                    };
+                    prop_assert_eq!(bits(&Scalar), bits(&avx2::Vector));
                 }
             }
         }

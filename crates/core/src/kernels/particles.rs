@@ -3,6 +3,8 @@
 use nalgebra::{Matrix2, SMatrix};
 
 use super::dispatch;
+use super::draws::{PAIRS, pairs};
+use crate::noise::Stream;
 
 /// Most Kalman states that a particle carries: current (2), compass bias, thrust bias.
 pub const MAX_LINEAR: usize = 4;
@@ -82,6 +84,36 @@ pub fn prepare_step<const K: usize>(
     }
 }
 
+impl<const K: usize> Step<K> {
+    /// p += F c + u Δt + ζ, c += P Fᵀ S⁻¹ ζ with ζ = chol(S) n (5)–(8), over columns of one length.
+    #[inline(always)]
+    fn apply(
+        &self,
+        east: &mut [f64],
+        north: &mut [f64],
+        linear: &mut [&mut [f64]; K],
+        normals: impl Fn(usize) -> (f64, f64),
+    ) {
+        let n = east.len();
+        let north = &mut north[..n];
+        let mut columns = linear.each_mut().map(|c| &mut c[..n]);
+        for i in 0..n {
+            let (a, b) = normals(i);
+            let ze = self.root[0] * a;
+            let zn = self.root[1] * a + self.root[2] * b;
+            let (mut de, mut dn) = (self.displacement_m[0] + ze, self.displacement_m[1] + zn);
+            for (k, c) in columns.iter_mut().enumerate() {
+                let value = c[i];
+                de += self.map[0][k] * value;
+                dn += self.map[1][k] * value;
+                c[i] = value + self.gain[k][0] * ze + self.gain[k][1] * zn;
+            }
+            east[i] += de;
+            north[i] += dn;
+        }
+    }
+}
+
 dispatch! {
     /// p += F c + u Δt + ζ, c += P Fᵀ S⁻¹ ζ with ζ = chol(S) n, n the normals `a`, `b` (5)–(8).
     pub fn propagate<const K: usize>(
@@ -93,20 +125,38 @@ dispatch! {
         b: &[f64],
     ) {
         let n = east.len().min(north.len()).min(a.len()).min(b.len());
-        let (east, north, a, b) = (&mut east[..n], &mut north[..n], &a[..n], &b[..n]);
+        let (a, b) = (&a[..n], &b[..n]);
         let mut columns = linear.each_mut().map(|c| &mut c[..n]);
-        for i in 0..n {
-            let ze = step.root[0] * a[i];
-            let zn = step.root[1] * a[i] + step.root[2] * b[i];
-            let (mut de, mut dn) = (step.displacement_m[0] + ze, step.displacement_m[1] + zn);
-            for (k, c) in columns.iter_mut().enumerate() {
-                let value = c[i];
-                de += step.map[0][k] * value;
-                dn += step.map[1][k] * value;
-                c[i] = value + step.gain[k][0] * ze + step.gain[k][1] * zn;
-            }
-            east[i] += de;
-            north[i] += dn;
+        step.apply(&mut east[..n], &mut north[..n], &mut columns, |i| (a[i], b[i]));
+    }
+}
+
+dispatch! {
+    /// [`propagate`] with the normal pairs of the stream's lane 0, which never leave the cache.
+    pub fn propagate_drawn<const K: usize>(
+        step: &Step<K>,
+        stream: &Stream,
+        east: &mut [f64],
+        north: &mut [f64],
+        linear: &mut [Vec<f64>; K],
+    ) {
+        let n = east.len().min(north.len());
+        let mut first = 0;
+        while first + PAIRS <= n {
+            let [a, b] = pairs(stream, 0, first / PAIRS);
+            let here = first..first + PAIRS;
+            let mut columns = linear.each_mut().map(|c| &mut c[here.clone()]);
+            step.apply(&mut east[here.clone()], &mut north[here.clone()], &mut columns, |i| {
+                (f64::from(a[i]), f64::from(b[i]))
+            });
+            first += PAIRS;
+        }
+        if first < n {
+            let [a, b] = pairs(stream, 0, first / PAIRS);
+            let mut columns = linear.each_mut().map(|c| &mut c[first..n]);
+            step.apply(&mut east[first..n], &mut north[first..n], &mut columns, |i| {
+                (f64::from(a[i]), f64::from(b[i]))
+            });
         }
     }
 }
@@ -124,11 +174,48 @@ pub fn roughen(
     let sigma = variance_m2.sqrt();
     let moved = east.iter_mut().zip(north).zip(a.iter().zip(b)).zip(ancestors);
     for (((e, n), (a, b)), &parent) in moved {
-        // A factor, not a branch: which particles have copies cannot be predicted.
         let sigma = sigma * f64::from(u8::from(counts[parent as usize] > 1));
         *e += sigma * a;
         *n += sigma * b;
     }
+}
+
+dispatch! {
+    /// [`roughen`] with the normal pairs of the stream's lane 0; copies are neighbours, as `ancestors` are ascending.
+    pub fn roughen_drawn(
+        east: &mut [f64],
+        north: &mut [f64],
+        ancestors: &[u32],
+        variance_m2: f64,
+        stream: &Stream,
+    ) {
+        let sigma = variance_m2.sqrt();
+        let n = east.len().min(north.len()).min(ancestors.len());
+        for (go, (east, north)) in east[..n].chunks_mut(PAIRS).zip(north[..n].chunks_mut(PAIRS)).enumerate() {
+            let [a, b] = pairs(stream, 0, go);
+            let near = neighbourhood(&ancestors[..n], go * PAIRS);
+            for (l, (e, n)) in east.iter_mut().zip(north).enumerate() {
+                // A factor, not a branch: which particles have copies cannot be predicted.
+                let copied = (near[l + 1] == near[l]) | (near[l + 1] == near[l + 2]);
+                let sigma = if copied { sigma } else { 0.0 };
+                *e += sigma * f64::from(a[l]);
+                *n += sigma * f64::from(b[l]);
+            }
+        }
+    }
+}
+
+/// Ancestors of the particles `first..first + PAIRS` and one on each side; off the ends, one that no particle has.
+#[inline(always)]
+fn neighbourhood(ancestors: &[u32], first: usize) -> [u32; PAIRS + 2] {
+    let whole = first.checked_sub(1).and_then(|from| ancestors.get(from..from + PAIRS + 2));
+    if let Some(Ok(near)) = whole.map(<[u32; PAIRS + 2]>::try_from) {
+        return near;
+    }
+    let mut near = [u32::MAX; PAIRS + 2];
+    let (from, to) = (first.max(1) - 1, (first + PAIRS + 1).min(ancestors.len()));
+    near[from + 1 - first..to + 1 - first].copy_from_slice(&ancestors[from..to]);
+    near
 }
 
 /// Replaces `column` by its entries at `ancestors`, through `scratch` of the same length.
@@ -212,4 +299,38 @@ fn product_sum(x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
         }
     }
     sums.iter().sum::<f64>() + x_rest.iter().zip(y_rest).map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::noise::{Purpose, Streams};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn drawing_on_the_way_is_drawing_before(n in 1usize..200, seed: u64, copies in prop::collection::vec(0u32..4, 1..200)) {
+            let stream = Streams::new(seed, 2).at(Purpose::Process, 9);
+            let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
+            stream.normal_pairs(0, &mut a, &mut b);
+            let mut p = Matrix2::new(0.09, 0.02, 0.02, 0.04);
+            let step: Step<2> = prepare_step(&mut p, [1.5, -0.4], 1.0, [0.01, 0.001, 0.02], &Matrix2::zeros());
+            let column = |k: f64| (0..n).map(|i| k * i as f64).collect::<Vec<_>>();
+            let start = || (column(1.0), column(-2.0), [column(0.01), column(-0.02)]);
+            let (mut e0, mut n0, mut c0) = start();
+            propagate(&step, &mut e0, &mut n0, &mut c0, &a, &b);
+            let (mut e1, mut n1, mut c1) = start();
+            propagate_drawn(&step, &stream, &mut e1, &mut n1, &mut c1);
+            prop_assert_eq!((&e0, &n0, &c0), (&e1, &n1, &c1));
+
+            let mut ancestors: Vec<u32> =
+                copies.iter().enumerate().flat_map(|(i, c)| std::iter::repeat_n(i as u32, *c as usize)).collect();
+            ancestors.resize(n, 300);
+            let mut counts = vec![0; 301];
+            ancestors.iter().for_each(|a| counts[*a as usize] += 1);
+            roughen(&mut e0, &mut n0, &ancestors, &counts, 2.0, &a, &b);
+            roughen_drawn(&mut e1, &mut n1, &ancestors, 2.0, &stream);
+            prop_assert_eq!((e0, n0), (e1, n1));
+        }
+    }
 }

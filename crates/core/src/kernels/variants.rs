@@ -8,17 +8,18 @@ use super::likelihood::{
     terrain_log_likelihood_fast,
 };
 use super::lookup::{Grid, Pattern, bounds};
-use super::particles::{Step, liu_west, prepare_step, propagate};
-use super::weights::{known_share, moments, normalise};
+use super::particles::{Step, liu_west, prepare_step, propagate, propagate_drawn, roughen_drawn};
+use super::weights::{known_share, moments, normalise, residual_copies};
 use super::{ALLOWED, Level, level};
 use crate::noise::{Purpose, Streams};
 
 /// Output of every kernel for `n` particles, as bits.
 fn everything(n: usize) -> Vec<(&'static str, Vec<u64>)> {
     let bits = |x: &[f64]| x.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+    let stream = |step: u32| Streams::new(3, 1).at(Purpose::Process, step);
     let normals = |step: u32| {
         let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
-        Streams::new(3, 1).at(Purpose::Process, step).normal_pairs(0, &mut a, &mut b);
+        stream(step).normal_pairs(0, &mut a, &mut b);
         [a, b]
     };
     let mut all = Vec::new();
@@ -41,6 +42,14 @@ fn everything(n: usize) -> Vec<(&'static str, Vec<u64>)> {
         all.push(("bounds", bits(&[low, high].concat())));
     }
 
+    propagate_drawn(&step, &stream(8), &mut east, &mut north, &mut linear);
+    let ancestors: Vec<u32> = (0..n as u32).map(|i| i / 3 * 2 + i % 3 / 2).collect();
+    roughen_drawn(&mut east, &mut north, &ancestors, 0.5, &stream(9));
+    all.push((
+        "drawn on the way",
+        bits(&[east.clone(), north.clone(), linear[0].clone(), linear[1].clone()].concat()),
+    ));
+
     let mut logs: Vec<f64> = normals(4)[0].iter().map(|x| 30.0 * x).collect();
     if n > 2 {
         (logs[1], logs[2]) = (f64::NAN, f64::NEG_INFINITY);
@@ -49,6 +58,10 @@ fn everything(n: usize) -> Vec<(&'static str, Vec<u64>)> {
     let (top, share) = known_share(&logs, &u);
     let (total, squares) = normalise(&mut logs, &mut w).unwrap();
     all.push(("weights", bits(&[logs.clone(), w.clone(), vec![top, share, total, squares]].concat())));
+    let (mut cdf, mut counts) = (vec![0.0; n], vec![0; n]);
+    let left = residual_copies(&w, &mut cdf, &mut counts);
+    cdf.extend(counts.iter().chain(&[left as u32]).map(|c| f64::from(*c)));
+    all.push(("residual copies", bits(&cdf)));
     let (mean, covariance) = moments(&w, &east, &north);
     all.push(("moments", bits(&[&mean[..], &covariance[..]].concat())));
 

@@ -1,7 +1,7 @@
 //! Log-weights to weights, effective sample size, moments, kernel entropy, residual resampling.
 
 use super::dispatch;
-use super::math::exp;
+use super::math::{exp, floor_split};
 
 const LANES: usize = 8;
 
@@ -156,16 +156,54 @@ dispatch! {
     }
 }
 
-/// Mean (10) and covariance (11) of positions: (mean, [ee, en, nn]).
-#[must_use]
-pub fn moments(weights: &[f64], east: &[f64], north: &[f64]) -> ([f64; 2], [f64; 3]) {
-    let mean = [weighted_mean(weights, east), weighted_mean(weights, north)];
-    let covariance = [
-        weighted_covariance(weights, east, mean[0], east, mean[0]),
-        weighted_covariance(weights, east, mean[0], north, mean[1]),
-        weighted_covariance(weights, north, mean[1], north, mean[1]),
-    ];
-    (mean, covariance)
+dispatch! {
+    /// Σ w x of K columns.
+    pub fn weighted_means<const K: usize>(weights: &[f64], columns: &[&[f64]; K]) -> [f64; K] {
+        let n = columns.iter().map(|c| c.len()).min().unwrap_or(0).min(weights.len());
+        let (w, w_rest) = weights[..n].as_chunks::<LANES>();
+        let split = columns.map(|c| c[..n].as_chunks::<LANES>());
+        let mut sums = [[0.0; LANES]; K];
+        for (i, w) in w.iter().enumerate() {
+            for (sums, (x, _)) in sums.iter_mut().zip(&split) {
+                for l in 0..LANES {
+                    sums[l] += w[l] * x[i][l];
+                }
+            }
+        }
+        for (sums, (_, x)) in sums.iter_mut().zip(&split) {
+            for ((w, x), s) in w_rest.iter().zip(*x).zip(sums) {
+                *s += w * x;
+            }
+        }
+        sums.map(lane_sum)
+    }
+}
+
+dispatch! {
+    /// Mean (10) and covariance (11) of positions: (mean, [ee, en, nn]).
+    pub fn moments(weights: &[f64], east: &[f64], north: &[f64]) -> ([f64; 2], [f64; 3]) {
+        let n = weights.len().min(east.len()).min(north.len());
+        let mean = weighted_means(weights, &[&east[..n], &north[..n]]);
+        let mut sums = [[0.0; LANES]; 3];
+        let products = |sums: &mut [[f64; LANES]; 3], l: usize, w: f64, e: f64, n: f64| {
+            let (de, dn) = (e - mean[0], n - mean[1]);
+            let (we, wn) = (w * de, w * dn);
+            sums[0][l] += we * de;
+            sums[1][l] += we * dn;
+            sums[2][l] += wn * dn;
+        };
+        let (w, w_rest) = weights[..n].as_chunks::<LANES>();
+        let ((e, e_rest), (n_, n_rest)) = (east[..n].as_chunks::<LANES>(), north[..n].as_chunks::<LANES>());
+        for ((w, e), n) in w.iter().zip(e).zip(n_) {
+            for l in 0..LANES {
+                products(&mut sums, l, w[l], e[l], n[l]);
+            }
+        }
+        for (l, ((w, e), n)) in w_rest.iter().zip(e_rest).zip(n_rest).enumerate() {
+            products(&mut sums, l, *w, *e, *n);
+        }
+        (mean, sums.map(lane_sum))
+    }
 }
 
 /// Kernel entropy −Σ w_i ln Σ_j w_j exp(−½‖x_i − x_j‖²/σ²) (20)–(21); O(N²).
@@ -198,45 +236,80 @@ pub fn residual_resample(
     counts: &mut [u32],
     ancestors: &mut [u32],
 ) {
-    let n = weights.len();
-    let mut taken = 0usize;
-    let mut total = 0.0;
-    for ((&w, cdf), count) in weights.iter().zip(&mut *residual_cdf).zip(&mut *counts) {
-        let expected = n as f64 * w;
-        // Truncation is the floor of what is not negative, without a call.
-        let copies = expected as u32;
-        *count = copies;
-        taken += copies as usize;
-        total += expected - f64::from(copies);
-        *cdf = total;
-    }
-    guide(residual_cdf, n as f64 / total, ancestors);
-    for u in uniforms.iter().take(n.saturating_sub(taken)) {
-        let target = u * total;
-        // The least index whose cumulative weight is above the target, from where the guide says it can begin.
-        let bucket = (target * (n as f64 / total)) as usize;
-        let mut index = ancestors[bucket.min(n - 1)] as usize;
-        while index < n - 1 && residual_cdf[index] <= target {
-            index += 1;
+    let left = residual_copies(weights, residual_cdf, counts).min(uniforms.len());
+    residual_draw(&uniforms[..left], residual_cdf, counts, ancestors);
+}
+
+dispatch! {
+    /// The first half of [`residual_resample`], before any uniform is needed: whole copies, the sums of the residual
+    /// weights, and how many copies are left to draw.
+    pub fn residual_copies(weights: &[f64], residual_cdf: &mut [f64], counts: &mut [u32]) -> usize {
+        let n = weights.len().min(residual_cdf.len()).min(counts.len());
+        let scale = n as f64;
+        let (mut taken, mut carry) = (0u32, 0.0);
+        let blocks = weights[..n].chunks(LANES).zip(residual_cdf[..n].chunks_mut(LANES));
+        for ((w, cdf), count) in blocks.zip(counts[..n].chunks_mut(LANES)) {
+            let (mut whole, mut rest) = ([0u32; LANES], [0.0; LANES]);
+            for (l, w) in w.iter().enumerate() {
+                let (copies, residual) = floor_split(scale * w);
+                (whole[l], rest[l]) = (copies as u32, residual);
+            }
+            // Sums begin anew in each block, so that only one addition in eight waits for the one before.
+            for l in 1..LANES {
+                rest[l] += rest[l - 1];
+            }
+            for l in 0..LANES {
+                taken = taken.wrapping_add(whole[l]);
+            }
+            for (c, r) in cdf.iter_mut().zip(rest) {
+                *c = carry + r;
+            }
+            count.copy_from_slice(&whole[..count.len()]);
+            carry += rest[LANES - 1];
         }
-        counts[index] += 1;
+        n.saturating_sub(taken as usize)
+    }
+}
+
+/// The second half of [`residual_resample`]: one more copy for each uniform, and the ancestors.
+pub fn residual_draw(uniforms: &[f64], residual_cdf: &[f64], counts: &mut [u32], ancestors: &mut [u32]) {
+    let n = residual_cdf.len();
+    let total = residual_cdf.last().copied().unwrap_or(0.0);
+    if !uniforms.is_empty() {
+        let scale = n as f64 / total;
+        guide(residual_cdf, scale, ancestors);
+        for u in uniforms {
+            let target = u * total;
+            // The least index whose sum is above the target, from where the guide says it can begin. Two steps without
+            // a branch nearly always suffice.
+            let bucket = (target * scale) as usize;
+            let mut index = ancestors[bucket.min(n - 1)] as usize;
+            for _ in 0..2 {
+                index += usize::from(index < n - 1 && residual_cdf[index] <= target);
+            }
+            while index < n - 1 && residual_cdf[index] <= target {
+                index += 1;
+            }
+            counts[index] += 1;
+        }
     }
     spread_ancestors(counts, ancestors);
 }
 
-/// `guide[k]`: how many cumulative weights, scaled to 0 to N, have a whole part below k (at most N − 1).
+/// `guide[k]`: how many sums, scaled to 0 to N, have a whole part below k (at most N − 1).
 ///
 /// Scaling keeps the order, so a target whose own whole part is k lies above all of them.
 fn guide(cdf: &[f64], scale: f64, guide: &mut [u32]) {
     guide.fill(0);
-    for c in cdf {
+    for (i, c) in cdf.iter().enumerate() {
+        // Ascending: the last of a whole part stays.
         if let Some(next) = guide.get_mut((c * scale) as usize + 1) {
-            *next += 1;
+            *next = i as u32 + 1;
         }
     }
     let (mut below, last) = (0, (cdf.len() - 1) as u32);
     for g in guide {
-        below += *g;
+        below = below.max(*g);
         *g = below.min(last);
     }
 }

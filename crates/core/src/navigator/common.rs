@@ -11,7 +11,7 @@ use super::{Estimate, Outcome, Particles, Status};
 use crate::cloud::Cloud;
 use crate::error::{Error, non_negative};
 use crate::event::{Event, Payload, VehicleId};
-use crate::kernels::particles::{MAX_LINEAR, displacement_map, prepare_step, propagate};
+use crate::kernels::particles::{MAX_LINEAR, displacement_map, prepare_step};
 use crate::kernels::weights::{known_share, weighted_covariance};
 use crate::link::{ReceiveWindow, Sequencer, range_m, slant_to_horizontal};
 use crate::noise::{Purpose, Stream, Streams};
@@ -455,8 +455,7 @@ impl<const K: usize> ParticleCore<K> {
                 &self.drift.walk(dt_s),
             );
             let stream = self.next_stream(Purpose::Process);
-            let (east, north, linear, a, b) = self.cloud.with_normals(&stream);
-            propagate(&step, east, north, linear, a, b);
+            self.cloud.propagate(&step, &stream);
         }
         if let Some(trajectory) = &mut self.trajectory {
             trajectory.advance(t_ns, mean_step);
