@@ -39,7 +39,7 @@ docs: $(UV)
 	$(SYNC) --group docs
 	.venv/bin/mkdocs build --strict
 
-study: build                ## the long tests and the studies behind docs/results.md
+study: build                ## the long tests and the studies behind docs/results
 	.venv/bin/python -m pytest -m long
 	.venv/bin/python studies/results.py
 

@@ -21,6 +21,12 @@ SIGMA_SOUNDING_M = 0.1
 LONGEST_GAP_S = 60.0
 FASTEST_MPS = 5.0
 
+NOTE = (
+    "Each team follows three survey days; their positions and soundings are real, the chart is gridded from the other "
+    "days' soundings, aligned and judged by each other, odometry and acoustic ranges are simulated (20 % loss). The "
+    "recording is not part of this project."
+)
+
 SCENARIO = """\
 name = "{name}"
 description = "Real tracks and soundings of {days}; chart of the other days; odometry and ranges simulated"

@@ -1,6 +1,9 @@
-"""Writes docs/results.md: every figure that the project states, from the commands that stand beside it.
+"""Writes the tables of docs/results/: every figure that the project states, from the commands that stand beside it.
 
-python studies/results.py [--runs N]     the commands run one after the other; half an hour on two cores
+    python studies/results.py [PAGE ...] [--runs N] [--keep FOLDER]
+
+Pages are those of `PAGES`; without any, all are written, which takes some hours on two cores. `--keep` holds the
+studies' folders: what is there is not flown again, and `--figures` need no second run.
 """
 
 from __future__ import annotations
@@ -8,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
 import subprocess
 import sys
 import tempfile
@@ -19,98 +21,53 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).parent))
 
 import aburatsubo
+import navo
+from pages import PAGES, Page, Study
 
 ROOT = Path(__file__).parents[1]
 REFERENCE = Path(os.environ.get("UWCOOP_REFERENCE", ROOT / ".." / "shared")).resolve()
 UWCOOP = Path(sys.executable).with_name("uwcoop")
-
-ALL = "dead-reckoning,ranging-only,terrain-only,dmpf,mpf-terrain-only,mpf"
-
-HEADER = """\
-# Results
-
-Every figure that this project states, with the command that gave it; `make study` writes this page anew.
-Simulated missions unless it says otherwise. Run k of a study has seed k, for every navigator and variant: rows of one
-table saw the same missions. Errors count after the first 50 s. ANEES is the mean over instants of the normalised
-squared position error, ideal 2, above it overconfident; its median is over vehicles of their mean over time.
-*Lost* is the share of vehicles more than 30 m off at the end. Measured on {machine}.
-"""
+ABSENT = "\nThe recording was absent when this page was written.\n"
 
 
 @dataclass(frozen=True)
-class Study:
-    """One table of the page."""
+class Keeper:
+    """Where studies are kept, and how many runs they have at most."""
 
-    title: str
-    scenario: str
-    runs: int
-    navigators: str = ALL
-    options: tuple[str, ...] = ()
-    note: str = ""
+    folder: Path
+    runs: int | None
 
+    def count(self, runs: int) -> int:
+        """Runs of a study that should have so many."""
+        return min(runs, self.runs) if self.runs else runs
 
-STUDIES = (
-    Study(
-        "Rich terrain, no current (`st-john`)",
-        "st-john",
-        100,
-        note="The missions of Tan, Chitre & Hover's Figs. 6-7 over a synthetic stand-in for their chart, whose roughness "
-        "was chosen so that, as there, ranges help the terrain filter and alone are worse than dead reckoning: that "
-        "order is not independent evidence.",
-    ),
-    Study("A current that wanders (`st-john-drift`)", "st-john-drift", 100),
-    Study(
-        "Hardly any relief (`flat-bay`)",
-        "flat-bay",
-        50,
-        note="Relief × 0.15 and 20 % loss: a broadcast belief contains what its receiver said before, and D-MPF talks "
-        "itself into wrong positions.",
-    ),
-    Study(
-        "Hardly any relief and poor sensors (`poor-bay`)",
-        "poor-bay",
-        50,
-        note="0.5 m of relief, 0.3 m depth noise, unknown tide, current and biases, 20 % loss.",
-    ),
-    Study(
-        "Number of particles",
-        "st-john-drift",
-        20,
-        "mpf",
-        ("--vary", "navigator.all.particles=300,600,1500"),
-    ),
-    Study(
-        "How much a teammate's range counts",
-        "flat-bay",
-        20,
-        "mpf",
-        ("--vary", "navigator.mpf.range_temper=0.05,0.1,0.25,1.0"),
-        note="A fused belief is not news: counted in full it makes the team overconfident.",
-    ),
-)
-
-
-def run(arguments: list[str]) -> tuple[str, dict[str, Any]]:
-    """The command as a reader would type it, and its JSON."""
-    shown = "uwcoop " + " ".join(f'"{a}"' if " " in a else a for a in arguments)
-    done = subprocess.run([str(UWCOOP), *arguments, "--json"], capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{shown}: {done.stderr.strip().splitlines()[-1]}")
-    return shown, json.loads(done.stdout)
+    def run(self, study: Study) -> tuple[str, dict[str, Any]]:
+        """The command as a reader would type it, and its JSON."""
+        arguments = ["study", study.scenario, "--runs", str(self.count(study.runs))]
+        arguments += ["--navigator", study.navigators, *study.options]
+        shown = "uwcoop " + " ".join(f'"{a}"' if " " in a else a for a in arguments)
+        kept = ["-o", str(self.folder / study.slug), "--resume"]
+        print(shown, file=sys.stderr, flush=True)
+        done = subprocess.run(
+            [str(UWCOOP), *arguments, *kept, "--json"], capture_output=True, text=True, check=False
+        )
+        if done.returncode:
+            raise SystemExit(f"{shown}: {done.stderr.strip().splitlines()[-1]}")
+        return shown, json.loads(done.stdout)
 
 
 def table(summary: dict[str, Any]) -> str:
     """A study's summary as a Markdown table."""
     varied = list(summary["variants"][0]["set"])
     head = [*varied, "navigator", "final error, median (m)", "95 % (m)", "RMSE, median (m)", "ANEES, mean", "median",
-            "lost", "packet (B)", "run time (s)"]  # fmt: skip
+            "lost", "packet (B)"]  # fmt: skip
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for variant in summary["variants"]:
         for name, v in variant["navigators"].items():
             cells = [*(str(variant["set"][k]) for k in varied), f"`{name}`", number(v["median_final_error_m"]),
                      number(v["p95_final_error_m"]), number(v["median_rmse_m"]), number(v["anees"]),
                      number(v["anees_median"]), f"{100 * v['lost_share']:.0f} %",
-                     str(v["packet_bytes_max"] or "-"), number(v["seconds"])]  # fmt: skip
+                     f"{v['packet_bytes_max']:,}" if v["packet_bytes_max"] else "-"]  # fmt: skip
             lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
@@ -122,71 +79,87 @@ def number(value: float | None) -> str:
     return f"{value:.2f}" if value < 10 else f"{value:.1f}" if value < 100 else f"{value:.3g}"
 
 
-def section(study: Study, runs: int | None) -> str:
-    """One study's heading, note, command and table."""
-    count = str(min(study.runs, runs) if runs else study.runs)
-    shown, summary = run(
-        ["study", study.scenario, "--runs", count, "--navigator", study.navigators, *study.options]
-    )
+def section(study: Study, keeper: Keeper, shown_as: tuple[str, str] = ("", ""), level: str = "##") -> str:
+    """One study's heading, note, command and table; in the command a folder is shown by another name."""
+    shown, summary = keeper.run(study)
+    if shown_as[0]:
+        shown = shown.replace(*shown_as)
+    before = f"{study.before}\n" if study.before else ""
     note = f"{study.note}\n\n" if study.note else ""
-    return f"## {study.title}\n\n{note}<!-- no-run: takes minutes -->\n```console\n{shown}\n```\n\n{table(summary)}\n"
-
-
-def real_soundings(runs: int | None) -> str:
-    """Aburatsubo: leave-days-out teams for both classes of drift."""
-    text = (
-        "## Real soundings (Aburatsubo bay)\n\n"
-        "Each team follows three survey days; their positions and soundings are real, the chart is gridded from the "
-        "other days' soundings, odometry and acoustic ranges are simulated (20 % loss). The recording is not part of "
-        "this project.\n"
+    return (
+        f"{level} {study.title}\n\n{note}<!-- no-run: takes minutes -->\n"
+        f"```console\n{before}{shown}\n```\n\n{table(summary)}\n"
     )
-    if not (REFERENCE / aburatsubo.RECORDING).is_file():
-        return text + "\nThe recording was absent when this page was written.\n"
-    count = str(min(20, runs) if runs else 20)
-    navigators = "dead-reckoning,dmpf,mpf-terrain-only,mpf"
+
+
+def real_soundings(page: Page, keeper: Keeper) -> str:
+    """The page of recordings: a chart of a bottom that cannot localise, and teams on a bay's soundings."""
+    text = [f"# {page.title}\n\n{page.intro}\n"]
     with tempfile.TemporaryDirectory() as folder:
-        for drift in ("dvl", "no-dvl"):
-            for team in aburatsubo.teams(REFERENCE):
-                out = Path(folder) / f"{team[0][:8]}-{drift}"
-                scenario = aburatsubo.write_team(REFERENCE, team, out, drift)
-                shown, summary = run(["study", str(scenario), "--runs", count, "--navigator", navigators])
-                shown = shown.replace(folder, "OUT")
-                days = ", ".join(name[:8] for name in team)
-                text += f"\n### Days {days}, drift `{drift}`\n\n<!-- no-run: takes minutes -->\n```console\n"
-                text += f"python studies/aburatsubo.py REFERENCE OUT\n{shown}\n```\n\n{table(summary)}\n"
+        text += [section(study, keeper) for study in page.studies]
+        text.append(_navo(Path(folder), keeper))
+        text.append(_aburatsubo(Path(folder), keeper))
+    return "\n".join(text)
+
+
+def _navo(folder: Path, keeper: Keeper) -> str:
+    if not (REFERENCE / navo.CHART).is_file():
+        return f"## A bottom that cannot localise\n{ABSENT}"
+    study = Study(
+        "A bottom that cannot localise",
+        str(navo.write_mission(REFERENCE, folder / "navo")),
+        20,
+        "dead-reckoning,dmpf,mpf-terrain-only,mpf",
+        note=navo.NOTE,
+        before="python studies/navo.py REFERENCE OUT",
+        slug="navo",
+    )
+    return section(study, keeper, (str(folder / "navo"), "OUT"))
+
+
+def _aburatsubo(folder: Path, keeper: Keeper) -> str:
+    text = f"## Teams on real soundings (Aburatsubo bay)\n\n{aburatsubo.NOTE}\n"
+    if not (REFERENCE / aburatsubo.RECORDING).is_file():
+        return text + ABSENT
+    for drift in ("dvl", "no-dvl"):
+        for team in aburatsubo.teams(REFERENCE):
+            name = f"{team[0][:8]}-{drift}"
+            scenario = aburatsubo.write_team(REFERENCE, team, folder / name, drift)
+            days = ", ".join(day[:8] for day in team)
+            study = Study(
+                f"Days {days}, drift `{drift}`",
+                str(scenario),
+                20,
+                "dead-reckoning,dmpf,mpf-terrain-only,mpf",
+                before="python studies/aburatsubo.py REFERENCE OUT",
+                slug=f"aburatsubo-{name}",
+            )
+            text += "\n" + section(study, keeper, (str(folder), "OUT"), "###")
     return text
 
 
-def speed() -> str:
-    """The side-by-side comparison with NumPy, as it prints itself."""
-    script = ROOT / "benches" / "python" / "side_by_side.py"
-    done = subprocess.run(
-        [sys.executable, str(script)],
-        capture_output=True,
-        text=True,
-        check=False,  # a bar that is missed ends it with 1; the page shows which
-        env={**os.environ, "COLUMNS": "130", "NO_COLOR": "1"},
-    )
-    return (
-        "## Speed\n\nThread CPU time, least of many repeats, alternated in one process: the ratios count.\n\n"
-        "<!-- no-run: takes minutes -->\n```console\npython benches/python/side_by_side.py\n```\n\n"
-        f"```text\n{done.stdout.strip()}\n```\n"
-    )
-
-
 def main() -> None:
-    """Runs everything and writes the page whole."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    """Runs what was asked for and writes each page whole."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("pages", nargs="*", metavar="PAGE", help=f"of {', '.join(PAGES)}; default: all")
     parser.add_argument("--runs", type=int, help="at most so many runs for each study")
-    runs = parser.parse_args().runs
-    machine = f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
-    page = [HEADER.format(machine=machine)]
-    for study in STUDIES:
-        print(study.title, file=sys.stderr)
-        page.append(section(study, runs))
-    page.append(real_soundings(runs))
-    page.append(speed())
-    (ROOT / "docs" / "results.md").write_text("\n".join(page))
+    parser.add_argument(
+        "--keep", type=Path, help="folder of the studies' runs, to go on from and to draw from"
+    )
+    asked = parser.parse_args()
+    unknown = sorted(set(asked.pages) - set(PAGES))
+    if unknown:
+        parser.error(f"page {unknown[0]!r} is unknown: there are {', '.join(PAGES)}")
+    with tempfile.TemporaryDirectory() as folder:
+        keeper = Keeper(asked.keep or Path(folder), asked.runs)
+        for name in asked.pages or PAGES:
+            page = PAGES[name]
+            if name == "real-soundings":
+                text = real_soundings(page, keeper)
+            else:
+                sections = [section(study, keeper) for study in page.studies]
+                text = "\n".join([f"# {page.title}\n\n{page.intro}\n", *sections])
+            (ROOT / "docs" / "results" / f"{name}.md").write_text(text)
 
 
 if __name__ == "__main__":

@@ -163,11 +163,9 @@ def _scale(
     def finite(values: NDArray[np.float64]) -> NDArray[np.float64]:
         return values[np.isfinite(values)]
 
-    typical = [
-        float(np.median(finite(mean[:, i][..., after])))
-        for i in range(mean.shape[1])
-        if finite(mean[:, i][..., after]).size
-    ] or [1.0]
+    # One variant may be far worse than another, all navigators alike.
+    settled = (finite(mean[c, i][..., after]) for c in range(mean.shape[0]) for i in range(mean.shape[1]))
+    typical = [float(np.median(errors)) for errors in settled if errors.size] or [1.0]
     top = max([float(part.max()) for part in map(finite, (mean, high)) if part.size] or [1.0])
     if max(typical) > _LOG_ABOVE * max(min(typical), 1e-3):
         bottom = finite(low[..., after])

@@ -105,9 +105,10 @@ def draw_bearings(axes: Axes, heard: Mapping[str, NDArray[Any]], receiver: int) 
 
 
 def sender_mark(sender: int) -> dict[str, Any]:
-    """How a sender's receptions are marked."""
+    """How a sender's receptions are marked: later ones smaller, so that two at one bearing are both seen."""
     return {
-        "marker": MARKERS[sender % 8], "ms": 4.5, "mfc": SENDER_GREYS[sender % 4], "mec": "#111111", "mew": 0.6,
+        "marker": MARKERS[sender % 8], "ms": 6.3 - 1.3 * (sender % 4), "mfc": SENDER_GREYS[sender % 4],
+        "mec": "#111111", "mew": 0.6,
     }  # fmt: skip
 
 

@@ -1,0 +1,181 @@
+"""What stands on which page of docs/results/: scenarios, navigators, numbers of runs, and what they mean."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+ALL = "dead-reckoning,ranging-only,terrain-only,dmpf,mpf-terrain-only,mpf"
+PAPER = "dead-reckoning,terrain-only,dmpf"
+STAND_IN = "The recordings and the chart of the paper are not public: this is a synthetic stand-in."
+
+
+@dataclass(frozen=True)
+class Study:
+    """One table."""
+
+    title: str
+    scenario: str
+    runs: int
+    navigators: str = ALL
+    options: tuple[str, ...] = ()
+    note: str = ""
+    before: str = ""
+    """A command that comes first."""
+    slug: str = ""
+    """Name of its folder."""
+
+
+@dataclass(frozen=True)
+class Page:
+    """One page: its tables, top to bottom."""
+
+    title: str
+    intro: str
+    studies: tuple[Study, ...]
+
+
+SCENARIOS = Page(
+    "The scenarios",
+    "The packaged missions with all navigators that talk by Micromodem frames of 64 bytes or not at all. How to read the "
+    "tables: [Results](index.md).",
+    (
+        Study("Rich terrain, no current (`st-john`)", "st-john", 40, slug="st-john"),
+        Study("A current that wanders (`st-john-drift`)", "st-john-drift", 40, slug="st-john-drift"),
+        Study(
+            "Hardly any relief (`flat-bay`)",
+            "flat-bay",
+            40,
+            note="Relief × 0.15 and 20 % loss: a broadcast belief contains what its receiver said before, and D-MPF "
+            "talks itself into wrong positions.",
+            slug="flat-bay",
+        ),
+        Study(
+            "Hardly any relief and poor sensors (`poor-bay`)",
+            "poor-bay",
+            40,
+            note="0.5 m of relief, 0.3 m depth noise, unknown tide, current and biases, 20 % loss.",
+            slug="poor-bay",
+        ),
+        Study(
+            "Number of particles",
+            "st-john-drift",
+            20,
+            "mpf",
+            ("--vary", "navigator.all.particles=300,600,1500"),
+            slug="particles",
+        ),
+        Study(
+            "What of a teammate's range is news",
+            "flat-bay",
+            40,
+            "mpf",
+            (
+                "--vary",
+                "navigator.mpf.range_news=true,false",
+                "--vary",
+                "navigator.mpf.range_temper=0.1,0.5,1.0",
+            ),
+            note="A fused belief that is heard again is not new: counted in full it makes the team overconfident. With "
+            "`range_news` a range weighs by how much of the sender's error was renewed since it was last heard, times "
+            "`range_temper`, which is 0.5 by default in a team of three; without it, `range_temper` alone decides.",
+            slug="news",
+        ),
+    ),
+)
+
+DMPF_PAPER = Page(
+    "The figures of the D-MPF paper",
+    "The missions of Tan, Chitre & Hover, *Cooperative bathymetry-based localization using low-cost autonomous "
+    f"underwater vehicles* (2016). {STAND_IN} Its roughness was chosen so that, as there, ranges help the terrain "
+    "filter and alone are worse than dead reckoning: that order is not independent evidence. The figures themselves are "
+    "drawn by adding `-o FOLDER --figures` to a command ([How to](../howto/studies.md#figures)).",
+    (
+        Study(
+            "Fig. 6: what bandwidth is worth",
+            "st-john",
+            100,
+            "dmpf-unlimited,dmpf",
+            ("--set", "acoustics.modem=unlimited", "--vary", "navigator.dmpf.particles=600,2000"),
+            note="Box plots of the final errors over 100 runs: particles with their weights (`dmpf-unlimited`, 600), one "
+            "Gaussian (`dmpf`, 600), one Gaussian and more particles (`dmpf`, 2000).",
+            slug="fig-6",
+        ),
+        Study(
+            "Fig. 7: what each source is worth",
+            "st-john",
+            100,
+            "dead-reckoning,ranging-only,terrain-only,dmpf",
+            note="The same missions over the modem.",
+            slug="fig-7",
+        ),
+        Study(
+            "Fig. 11: a constant current",
+            "st-john-current",
+            20,
+            "dead-reckoning,dmpf,mpf",
+            ("--vary", "current.speed_mps=0.0,0.25,0.5"),
+            note="Southward; the prior of the current, which the paper does not state, is 0.5 m/s per axis.",
+            slug="fig-11",
+        ),
+        Study(
+            "Fig. 12: biased compasses and thrusters",
+            "st-john-bias",
+            20,
+            "dead-reckoning,dmpf,mpf",
+            ("--vary", "current.speed_mps=0.0,0.25"),
+            note="1° and 0.1 m/s, without and with a southward current. `mpf` has the two biases as states here; D-MPF "
+            "takes them for current.",
+            slug="fig-12",
+        ),
+        Study(
+            "Fig. 14: ranges along one bearing (`charles-river`)",
+            "charles-river",
+            20,
+            f"{PAPER},mpf-terrain-only,mpf",
+            note=STAND_IN,
+            slug="fig-14",
+        ),
+        Study(
+            "Fig. 17: an AUV and an ASV (`st-john-field`)",
+            "st-john-field",
+            20,
+            f"{PAPER},mpf-terrain-only,mpf",
+            note=STAND_IN,
+            slug="fig-17",
+        ),
+        Study(
+            "Fig. 19: three vehicles (`st-john-field-3`)",
+            "st-john-field-3",
+            20,
+            f"{PAPER},mpf-terrain-only,mpf",
+            note=STAND_IN,
+            slug="fig-19",
+        ),
+    ),
+)
+
+REAL_SOUNDINGS = Page(
+    "Charts that are wrong, and real soundings",
+    "Real charts err by metres, over tens of metres at a time. First a simulated survey, then a public multibeam chart "
+    "of a bottom that cannot localise anyone, then teams on real tracks and soundings.",
+    (
+        Study(
+            "A surveyed chart (`surveyed-bay`)",
+            "surveyed-bay",
+            20,
+            "dead-reckoning,dmpf,mpf-terrain-only,mpf",
+            note="`st-john-drift` through a chart made by a simulated survey, a new one for each mission.",
+            slug="surveyed-bay",
+        ),
+        Study(
+            "The same with a likelihood that takes the chart's errors for white noise",
+            "surveyed-bay",
+            20,
+            "mpf-terrain-only,mpf",
+            ("--set", "navigator.all.correlation_length_m=0"),
+            slug="surveyed-bay-white",
+        ),
+    ),
+)
+
+PAGES = {"scenarios": SCENARIOS, "dmpf-paper": DMPF_PAPER, "real-soundings": REAL_SOUNDINGS}
