@@ -6,6 +6,8 @@ mod chart;
 mod errors;
 mod event;
 mod kernels;
+mod landmark;
+mod landmark_kernels;
 mod mission;
 mod navigators;
 mod origin_references;
@@ -27,5 +29,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(origin_references::cekf, module)?)?;
     module.add_function(wrap_pyfunction!(origin_references::belief_exchange, module)?)?;
     module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
+    landmark::register(module)?;
+    landmark_kernels::register(module)?;
     kernels::register(module)
 }

@@ -84,6 +84,7 @@ pub struct Navigator {
 }
 
 impl Navigator {
+    /// Wraps a navigator of the core.
     pub fn of(navigator: impl CoreNavigator + 'static) -> Self {
         Self { inner: Mutex::new(Some(Box::new(navigator))) }
     }
@@ -317,5 +318,27 @@ impl Navigator {
     /// Takes up a snapshot of a navigator configured the same.
     fn restore(&self, snapshot: &[u8]) -> PyResult<()> {
         self.with(|n| n.as_mut().map(|n| n.restore(snapshot)))?.ok_or_else(held)?.map_err(navigator)
+    }
+
+    /// Named numbers of the method's own, as they stand after the last event.
+    fn diagnostics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let numbers = self.with(|n| n.as_ref().map(|n| n.diagnostics()))?.ok_or_else(held)?;
+        let out = PyDict::new(py);
+        for (name, value) in numbers {
+            out.set_item(name, value)?;
+        }
+        Ok(out)
+    }
+
+    /// Positions (N, 2) and weights (N,) of the particles; None for a navigator, or a moment, without.
+    #[allow(clippy::type_complexity)]
+    fn particles<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Option<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)>> {
+        let particles = self.with(|n| n.as_ref().map(|n| n.particles()))?.ok_or_else(held)?;
+        let Some(p) = particles else { return Ok(None) };
+        let flat: Vec<f64> = p.east.iter().zip(&p.north).flat_map(|(e, n)| [*e, *n]).collect();
+        Ok(Some((flat.into_pyarray(py).reshape([p.east.len(), 2])?, p.weights.into_pyarray(py))))
     }
 }

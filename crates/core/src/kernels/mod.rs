@@ -10,9 +10,11 @@
 #![allow(clippy::too_many_arguments, reason = "columns are handed over one by one")]
 
 pub mod draws;
+pub mod landmark;
 pub mod likelihood;
 pub mod lookup;
 pub mod math;
+pub mod mixture;
 pub mod particles;
 #[cfg(test)]
 mod variants;

@@ -3,6 +3,7 @@
 pub mod common;
 pub mod dead_reckoning;
 pub mod dmpf;
+pub mod landmark;
 pub mod mpf;
 pub mod origin;
 pub mod range;

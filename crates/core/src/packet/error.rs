@@ -109,4 +109,10 @@ pub enum PacketError {
         /// The one computed from its content.
         computed: u16,
     },
+    /// A covariance that is not positive definite.
+    #[error("{field} is not positive definite")]
+    NotDefinite {
+        /// What the matrix means.
+        field: &'static str,
+    },
 }

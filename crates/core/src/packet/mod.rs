@@ -35,6 +35,7 @@ mod cloud;
 mod error;
 mod field;
 mod header;
+pub mod landmark;
 mod mixture;
 #[cfg(test)]
 mod tests;

@@ -1,6 +1,18 @@
-//! Small Gaussian mixtures: expectation–maximisation on weighted points, moments.
+//! Small Gaussian mixtures: expectation–maximisation on weighted points, model selection, moments, sampling.
+//!
+//! [`fit`] is the plain form without random numbers that packets of a few position modes use. [`fit_best`] and
+//! [`select`] are the full one: coordinates that wrap, k-means++ starts, whitening, BIC or AIC, a limit on the modes.
+
+mod fitting;
+mod selection;
+#[cfg(test)]
+mod tests;
+
+pub use fitting::{Circular, FitOptions, Fitted, centre, fit_best};
+pub use selection::{Criterion, distinct, sample_counts, select};
 
 use nalgebra::{SMatrix, SVector};
+use serde::{Deserialize, Serialize};
 
 use crate::kernels::math::{exp, ln};
 
@@ -10,7 +22,7 @@ const RIDGE: f64 = 0.05;
 const LEAST_SHARE: f64 = 1e-12;
 
 /// One mode of a mixture.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Mode<const D: usize> {
     /// Share of the whole; the shares sum to one.
     pub weight: f64,
@@ -142,59 +154,5 @@ fn maximise<const D: usize>(
         }
         mode.covariance = covariance * inverse + ridge;
         mode.weight = share / total;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::noise::{Purpose, Streams};
-    use nalgebra::{Matrix2, Vector2};
-
-    fn two_clusters(n: usize) -> (Vec<Vector2<f64>>, Vec<f64>) {
-        let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
-        Streams::new(3, 0).at(Purpose::Initial, 0).normal_pairs(0, &mut a, &mut b);
-        let points = (0..n)
-            .map(|i| {
-                let centre = if i % 4 == 0 { Vector2::new(40.0, 10.0) } else { Vector2::new(0.0, 0.0) };
-                centre + Vector2::new(2.0 * a[i], a[i] + b[i])
-            })
-            .collect();
-        (points, vec![1.0 / n as f64; n])
-    }
-
-    #[test]
-    fn two_clusters_are_found() {
-        let (points, weights) = two_clusters(4000);
-        let mixture = fit(&points, &weights, 2, 30).expect("points are finite");
-        let [near, far] = [&mixture[0], &mixture[1]].map(|m| *m);
-        let (near, far) = if near.mean.x < far.mean.x { (near, far) } else { (far, near) };
-        assert!((near.weight - 0.75).abs() < 0.01 && (far.weight - 0.25).abs() < 0.01);
-        assert!(near.mean.norm() < 0.2 && (far.mean - Vector2::new(40.0, 10.0)).norm() < 0.3);
-        assert!((near.covariance - Matrix2::new(4.0, 2.0, 2.0, 2.0)).norm() < 0.5);
-    }
-
-    #[test]
-    fn a_mixture_keeps_the_moments_of_its_points() {
-        let (points, weights) = two_clusters(500);
-        let (mean, covariance) = moments(&points, &weights);
-        for modes in 1..=4 {
-            let mixture = fit(&points, &weights, modes, 12).expect("points are finite");
-            let total: Vector2<f64> = mixture.iter().map(|m| m.mean * m.weight).sum();
-            assert!((total - mean).norm() < 1e-6);
-            let spread: Matrix2<f64> = mixture
-                .iter()
-                .map(|m| (m.covariance + (m.mean - mean) * (m.mean - mean).transpose()) * m.weight)
-                .sum();
-            assert!((spread - covariance).norm() < RIDGE * 2.0, "{spread} {covariance}");
-        }
-    }
-
-    #[test]
-    fn points_that_say_nothing_are_no_mixture() {
-        assert!(fit::<2>(&[], &[], 2, 5).is_none());
-        assert!(fit(&[Vector2::new(f64::NAN, 0.0)], &[1.0], 1, 5).is_none());
-        let one = fit(&[Vector2::new(3.0, 4.0); 5], &[0.2; 5], 2, 5).expect("a point is a mode");
-        assert!(one.iter().all(|m| m.mean.iter().all(|v| v.is_finite())));
     }
 }
