@@ -122,6 +122,8 @@ class Navigator:
     def estimate(self, t_ns: int) -> Estimate: ...
     def snapshot(self) -> bytes: ...
     def restore(self, snapshot: bytes) -> None: ...
+    def diagnostics(self) -> dict[str, float]: ...
+    def particles(self) -> tuple[_F8, _F8] | None: ...
 
 @final
 class Mission:
@@ -232,3 +234,77 @@ def encode_belief(
     packet: str,
 ) -> bytes: ...
 def decode_belief(packet: bytes, sender: int, tol_ns: int) -> dict[str, Any]: ...
+def landmark_navigator(
+    vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int
+) -> Navigator: ...
+def landmark_paper(vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int) -> Navigator: ...
+def landmark_predict(
+    particles: _F8,
+    velocity_mps: Sequence[float] | _F8,
+    yaw_rate_radps: float,
+    dt_s: float,
+    sigma_mps: float,
+    sigma_radps: float,
+    normals: _F8,
+) -> _F8: ...
+def landmark_offsets(particles: _F8, at_transmit: _F8, measured: Sequence[float] | _F8) -> _F8: ...
+def landmark_log_likelihood(
+    offsets: _F8,
+    sigma: Sequence[float] | _F8,
+    threshold: Sequence[float] | _F8,
+    gate_name: str,
+    outlier_share: float = 0.05,
+    widths: Sequence[float] | _F8 = ...,
+) -> tuple[_F8, _F8, float]: ...
+def systematic_resample(weights: _F8, u0: float, count: int) -> _I8: ...
+def landmark_monitor(
+    log_mean: _F8, log_max: _F8, ratio: float, trials: int, monitor_reading: str
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]: ...
+def landmark_new_particles(count: int, share: float, log_mean: float, log_max: float) -> int: ...
+def landmark_reconstruct(
+    particles: _F8,
+    at_transmit: _F8,
+    log_likelihood: _F8,
+    measured: Sequence[float] | _F8,
+    sigma: Sequence[float] | _F8,
+    new: int,
+    normals: _F8,
+    u0: float,
+) -> tuple[_F8, _I8, _I8]: ...
+def landmark_polar(particles: _F8) -> _F8: ...
+def landmark_from_polar(polar: _F8) -> _F8: ...
+def fit_gaussian_mixture(
+    weights: _F8,
+    points: _F8,
+    circular: Sequence[bool],
+    modes: int,
+    *,
+    choose_by: str | None = None,
+    starts: int = 3,
+    iterations: int = 200,
+    tolerance: float = 1e-9,
+    ridge_one: float = 1e-9,
+    ridge_many: float = 1e-3,
+    seed: int = 0,
+    first_means: _F8 | None = None,
+) -> dict[str, Any]: ...
+def expand_exchange(weights: _F8, means: _F8, covariances: _F8, normals: _F8) -> _F8: ...
+def encode_exchange(
+    weights: _F8,
+    means: _F8,
+    covariances: _F8,
+    *,
+    packet_bytes: int,
+    packet_format: int,
+    sequence: int,
+    sender: int,
+    tol_ns: int,
+) -> bytes: ...
+def decode_exchange(
+    packet: bytes,
+    *,
+    packet_format: int,
+    landmark_m: Sequence[float] | _F8,
+    sender: int,
+    tol_ns: int,
+) -> dict[str, Any]: ...

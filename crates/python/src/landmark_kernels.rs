@@ -8,7 +8,7 @@ use numpy::{
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use uwcoop_core::kernels::landmark::{OdometryStep, predict, systematic_resample as systematic};
-use uwcoop_core::mixture::{FitOptions, Fitted, Mode, fit_best, select};
+use uwcoop_core::mixture::{FitOptions, Fitted, Mode, fit_best, fit_from, select};
 use uwcoop_core::navigator::landmark::model::{self, Acoustics, Measurement, Monitor, MonitorRule, Pose};
 use uwcoop_core::navigator::landmark::paper_cloud::expand;
 use uwcoop_core::noise::{Purpose, Streams};
@@ -267,15 +267,21 @@ fn fit_of<'py, const D: usize>(
     choose_by: Option<&str>,
     options: &FitOptions,
     seed: u64,
+    first_means: Option<&Rows<'py>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let x: Vec<SVector<f64, D>> = rows::<D>(points, "points")?.into_iter().map(SVector::from).collect();
     same("weights", weights.len(), x.len())?;
     same("circular", circular.len(), D)?;
     let wraps: [bool; D] = std::array::from_fn(|k| circular[k]);
     let stream = Streams::new(seed, 0).at(Purpose::Belief, 0);
-    let fitted = match choose_by {
-        None => fit_best(&x, weights, wraps, modes, options, &stream),
-        Some(word) => select(&x, weights, wraps, modes, criterion(word)?, options, x.len(), &stream),
+    let first: Option<Vec<SVector<f64, D>>> = match first_means {
+        Some(means) => Some(rows::<D>(means, "first_means")?.into_iter().map(SVector::from).collect()),
+        None => None,
+    };
+    let fitted = match (choose_by, first) {
+        (_, Some(means)) => fit_from(&x, weights, wraps, &means, options),
+        (None, None) => fit_best(&x, weights, wraps, modes, options, &stream),
+        (Some(word), None) => select(&x, weights, wraps, modes, criterion(word)?, options, x.len(), &stream),
     };
     let fitted =
         fitted.ok_or_else(|| argument(format!("{modes} modes on {} points: no mixture", x.len())))?;
@@ -283,9 +289,10 @@ fn fit_of<'py, const D: usize>(
 }
 
 /// A Gaussian mixture of weighted (N, D) points, D = 2, 3 or 6, by EM with k-means++ starts; `circular` says which
-/// coordinates are angles. With `choose_by` = bic or aic, `modes` is the most, counted on distinct points.
+/// coordinates are angles. With `choose_by` = bic or aic, `modes` is the most, counted on distinct points; with
+/// `first_means` (modes, D) EM climbs from there and nowhere else.
 #[pyfunction]
-#[pyo3(signature = (weights, points, circular, modes, *, choose_by = None, starts = 3, iterations = 200, tolerance = 1e-9, ridge_one = 1e-9, ridge_many = 1e-3, seed = 0))]
+#[pyo3(signature = (weights, points, circular, modes, *, choose_by = None, starts = 3, iterations = 200, tolerance = 1e-9, ridge_one = 1e-9, ridge_many = 1e-3, seed = 0, first_means = None))]
 #[allow(clippy::too_many_arguments)]
 fn fit_gaussian_mixture<'py>(
     py: Python<'py>,
@@ -300,13 +307,15 @@ fn fit_gaussian_mixture<'py>(
     ridge_one: f64,
     ridge_many: f64,
     seed: u64,
+    first_means: Option<Rows<'py>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let w = weights.as_array().to_vec();
     let options = FitOptions { starts, iterations, tolerance, ridge_one, ridge_many };
+    let first = first_means.as_ref();
     match points.shape()[1] {
-        2 => fit_of::<2>(py, &w, &points, &circular, modes, choose_by, &options, seed),
-        3 => fit_of::<3>(py, &w, &points, &circular, modes, choose_by, &options, seed),
-        6 => fit_of::<6>(py, &w, &points, &circular, modes, choose_by, &options, seed),
+        2 => fit_of::<2>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
+        3 => fit_of::<3>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
+        6 => fit_of::<6>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
         d => Err(argument(format!("points has {d} columns, not 2, 3 or 6"))),
     }
 }

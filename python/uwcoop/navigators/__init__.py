@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
 from uwcoop.navigators import origin_references as references
+from uwcoop.navigators.landmark import LANDMARK_NAVIGATORS
 from uwcoop.navigators.options import (
     DRIFT_PRESETS,
     DeadReckoningOptions,
@@ -222,6 +223,9 @@ NAVIGATORS: dict[str, Spec] = {
     "mpf-terrain-only": Spec("mpf without ranges.", MpfOptions, {"use_ranges": False}, _mpf),
 }
 """Packaged navigators by name."""
+
+for _name, (_summary, _model, _fixed, _make) in LANDMARK_NAVIGATORS.items():
+    NAVIGATORS[_name] = Spec(_summary, _model, _fixed, _make, listed_only=True)
 
 
 def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:

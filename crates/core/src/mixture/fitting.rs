@@ -20,7 +20,7 @@ pub struct FitOptions {
     pub iterations: usize,
     /// A start ends when an iteration adds less than this to the mean log-likelihood of a point, nat.
     pub tolerance: f64,
-    /// Added to the diagonal of a single mode's covariance in coordinates of unit variance.
+    /// Added to the diagonal of a single mode's covariance in whitened coordinates.
     pub ridge_one: f64,
     /// The same for two and more modes, where it keeps a mode from collapsing on a few points.
     pub ridge_many: f64,
@@ -73,41 +73,51 @@ pub(super) fn wrap(angle: f64) -> f64 {
 /// A coordinate with less spread than this (a landmark that is known exactly) is taken as having this much.
 const FLAT: f64 = 1e-9;
 
-/// Columns of points scaled to unit variance, with the scale.
+/// Columns of points in coordinates whose covariance is the identity: x = mean + root · y.
 struct Whitened<const D: usize> {
     columns: [Vec<f64>; D],
-    mean: [f64; D],
-    sigma: [f64; D],
+    mean: SVector<f64, D>,
+    root: SMatrix<f64, D, D>,
     flat: [bool; D],
 }
 
 impl<const D: usize> Whitened<D> {
     fn of(points: &[SVector<f64, D>], weights: &[f64]) -> Option<Self> {
-        let (mean, covariance) = super::moments(points, weights);
+        let (mean, mut covariance) = super::moments(points, weights);
         if !covariance.iter().all(|v| v.is_finite()) {
             return None;
         }
         let flat: [bool; D] = std::array::from_fn(|k| covariance[(k, k)] < FLAT * FLAT);
-        let sigma: [f64; D] = std::array::from_fn(|k| if flat[k] { FLAT } else { covariance[(k, k)].sqrt() });
-        let mean: [f64; D] = std::array::from_fn(|k| mean[k]);
-        let scaled = |x: &SVector<f64, D>, k: usize| if flat[k] { 0.0 } else { (x[k] - mean[k]) / sigma[k] };
-        let columns = std::array::from_fn(|k| points.iter().map(|x| scaled(x, k)).collect::<Vec<_>>());
-        Some(Self { columns, mean, sigma, flat })
+        for k in 0..D {
+            if flat[k] {
+                covariance.row_mut(k).fill(0.0);
+                covariance.column_mut(k).fill(0.0);
+                covariance[(k, k)] = FLAT * FLAT;
+            } else {
+                // Coordinates that follow from others are told apart by their last bits.
+                covariance[(k, k)] *= 1.0 + 1e-12;
+            }
+        }
+        let root = covariance.cholesky()?.unpack();
+        let inverse = root.solve_lower_triangular(&SMatrix::<f64, D, D>::identity())?;
+        let white: Vec<SVector<f64, D>> = points.iter().map(|x| inverse * (x - mean)).collect();
+        let scaled = |y: &SVector<f64, D>, k: usize| if flat[k] { 0.0 } else { y[k] };
+        let columns = std::array::from_fn(|k| white.iter().map(|y| scaled(y, k)).collect::<Vec<_>>());
+        Some(Self { columns, mean, root, flat })
     }
 
     fn back(&self, mode: &Mode<D>, circular: Circular<D>) -> Mode<D> {
-        let scale = SMatrix::<f64, D, D>::from_fn(|r, c| self.sigma[r] * self.sigma[c]);
-        let mean = SVector::from_fn(|k, _| {
-            let value = self.mean[k] + self.sigma[k] * mode.mean[k];
-            if circular[k] { wrap(value) } else { value }
-        });
-        Mode { weight: mode.weight, mean, covariance: mode.covariance.component_mul(&scale) }
+        let mut mean = self.mean + self.root * mode.mean;
+        for k in (0..D).filter(|k| circular[*k]) {
+            mean[k] = wrap(mean[k]);
+        }
+        Mode { weight: mode.weight, mean, covariance: self.root * mode.covariance * self.root.transpose() }
     }
 }
 
 /// The best of `options.starts` fits of `modes` modes to weighted points; weights sum to one.
 ///
-/// Points are unwrapped ([`centre`]), scaled to unit variance, and each start draws its centres by k-means++ from
+/// Points are unwrapped ([`centre`]), whitened by their own covariance, and each start draws its centres by k-means++ from
 /// `stream`. Ties and order do not depend on threads. `None` for no points, no modes, more modes than points, or a
 /// covariance that is not finite.
 #[must_use]
@@ -134,20 +144,60 @@ pub fn fit_best<const D: usize>(
             best = Some(run);
         }
     }
-    let (mean_log_likelihood, mut found, converged) = best?;
+    Some(report(&white, best?, circular, points.len()))
+}
+
+/// A finished run in the points' own coordinates, with its criteria.
+fn report<const D: usize>(
+    white: &Whitened<D>,
+    run: (f64, Vec<Mode<D>>, bool),
+    circular: Circular<D>,
+    n: usize,
+) -> Fitted<D> {
+    let (mean_log_likelihood, mut found, converged) = run;
     found.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-    let log_scale: f64 = white.sigma.iter().map(|s| s.ln()).sum();
-    let n = points.len();
+    let log_scale: f64 = (0..D).map(|k| white.root[(k, k)].ln()).sum();
     let log_likelihood = (mean_log_likelihood - log_scale) * n as f64;
-    let parameters = (modes * (1 + D + D * (D + 1) / 2) - 1) as f64;
-    Some(Fitted {
+    let parameters = (found.len() * (1 + D + D * (D + 1) / 2) - 1) as f64;
+    Fitted {
         modes: found.iter().map(|m| white.back(m, circular)).collect(),
         log_likelihood,
         bic: parameters * (n as f64).ln() - 2.0 * log_likelihood,
         aic: 2.0 * parameters - 2.0 * log_likelihood,
         points: n,
         converged,
-    })
+    }
+}
+
+/// EM from given modes: where it ends, for comparison with another implementation's optimum. `None` as [`fit_best`].
+#[must_use]
+pub fn fit_from<const D: usize>(
+    points: &[SVector<f64, D>],
+    weights: &[f64],
+    circular: Circular<D>,
+    means: &[SVector<f64, D>],
+    options: &FitOptions,
+) -> Option<Fitted<D>> {
+    if points.is_empty() || means.is_empty() || weights.len() != points.len() {
+        return None;
+    }
+    let centred = centre(points, weights, circular);
+    let white = Whitened::of(&centred, weights)?;
+    let inverse = white.root.try_inverse()?;
+    let count = means.len();
+    let first = means
+        .iter()
+        .map(|m| {
+            let mut d = m - white.mean;
+            for k in (0..D).filter(|k| circular[*k]) {
+                d[k] = wrap(d[k]);
+            }
+            let covariance = SMatrix::identity() / (count * count) as f64;
+            Mode { weight: 1.0 / count as f64, mean: inverse * d, covariance }
+        })
+        .collect();
+    let run = climb(&white, weights, first, options)?;
+    Some(report(&white, run, circular, points.len()))
 }
 
 /// Centres by k-means++, each with the whole covariance's share.

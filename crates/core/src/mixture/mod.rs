@@ -8,7 +8,7 @@ mod selection;
 #[cfg(test)]
 mod tests;
 
-pub use fitting::{Circular, FitOptions, Fitted, centre, fit_best};
+pub use fitting::{Circular, FitOptions, Fitted, centre, fit_best, fit_from};
 pub use selection::{Criterion, distinct, sample_counts, select};
 
 use nalgebra::{SMatrix, SVector};

@@ -104,6 +104,7 @@ struct Counts {
     offsets: [f64; 3],
     ess: f64,
     modes: u64,
+    landmark: [f64; 3],
 }
 
 #[derive(Clone, Serialize, Deserialize)]
@@ -149,7 +150,11 @@ impl LandmarkPaper {
             pending: None,
             monitor: Monitor::default(),
             step: 0,
-            counts: Counts { ess: options.particles as f64, ..Counts::default() },
+            counts: Counts {
+                ess: options.particles as f64,
+                landmark: options.first_landmark,
+                ..Counts::default()
+            },
         };
         Ok(Self { own, options, streams: Streams::new(seed, own), state })
     }
@@ -317,6 +322,7 @@ impl LandmarkPaper {
         let there = [own.x + at[0][i] - old[0], own.y + at[1][i] - old[1], own.z + at[2][i] - old[2]];
         let (landmark, _) = moments(&self.state.cloud.landmark);
         let counts = &mut self.state.counts;
+        counts.landmark = landmark.into();
         counts.offsets = offsets(own.into(), there, landmark.into(), measured);
         counts.log_mean = log_mean;
         counts.log_max = log_max;
@@ -378,6 +384,7 @@ impl LandmarkPaper {
         if self.state.exchanges.is_landmark {
             let stream = self.stream(Purpose::Belief);
             self.state.cloud.take_over(&packet.modes, &stream);
+            self.state.counts.landmark = moments(&self.state.cloud.landmark).0.into();
             self.state.exchanges.landmark = Some(sender);
             self.state.exchanges.first = false;
             return Outcome::Fused;
@@ -544,9 +551,11 @@ impl Navigator for LandmarkPaper {
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         let c = &self.state.counts;
+        let known = self.state.positioned && !self.state.exchanges.is_landmark;
+        let landmark = if known { c.landmark } else { [f64::NAN; 3] };
         vec![
-            ("log_likelihood_mean", c.log_mean),
-            ("log_likelihood_max", c.log_max),
+            ("likelihood_log_mean", c.log_mean),
+            ("likelihood_log_max", c.log_max),
             ("lows", c.lows as f64),
             ("reconstructions", c.reconstructions as f64),
             ("replaced", c.replaced as f64),
@@ -554,6 +563,9 @@ impl Navigator for LandmarkPaper {
             ("offset_own_bearing_rad", c.offsets[1]),
             ("offset_peer_bearing_rad", c.offsets[2]),
             ("packet_modes", c.modes as f64),
+            ("landmark_e_m", landmark[0]),
+            ("landmark_n_m", landmark[1]),
+            ("landmark_yaw_rad", landmark[2]),
         ]
     }
 }

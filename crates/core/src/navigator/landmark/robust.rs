@@ -551,6 +551,8 @@ impl Navigator for Landmark {
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         let c = &self.state.counts;
         let b = self.state.joint.bias();
+        let known = self.state.positioned && !self.state.exchanges.is_landmark;
+        let landmark = if known { self.state.joint.landmark() } else { [f64::NAN; 3] };
         vec![
             ("core_particles", f64::from(u8::from(self.state.scatter.is_some()))),
             ("core_changes", c.core_changes as f64),
@@ -564,6 +566,9 @@ impl Navigator for Landmark {
             ("believed_range", c.believed[0]),
             ("believed_own_bearing", c.believed[1]),
             ("believed_peer_bearing", c.believed[2]),
+            ("landmark_e_m", landmark[0]),
+            ("landmark_n_m", landmark[1]),
+            ("landmark_yaw_rad", landmark[2]),
             ("gyro_bias_radps", b.x),
             ("dvl_scale", b.y),
             ("dvl_misalignment_rad", b.z),

@@ -15,8 +15,8 @@ const CRC_8: Crc<u8> = Crc::<u8>::new(&CRC_8_SMBUS);
 const TYPE: UnsignedField = UnsignedField { name: "exchange type", bits: 3 };
 const SEQUENCE: UnsignedField = UnsignedField { name: "exchange sequence", bits: 4 };
 const MODES: UnsignedField = UnsignedField { name: "exchange modes less one", bits: 2 };
-const SHARE: UnsignedField = UnsignedField { name: "share of a mode", bits: 7 };
-const SHARE_STEPS: f64 = 128.0;
+const SHARE: UnsignedField = UnsignedField { name: "share of a mode", bits: 8 };
+const SHARE_STEPS: f64 = 256.0;
 const DIFFERENCE_BITS: u32 = 12;
 const NAMES: [&str; 6] =
     ["landmark x", "landmark y", "landmark yaw", "distance to mover", "bearing of mover", "relative yaw"];

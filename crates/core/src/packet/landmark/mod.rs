@@ -16,8 +16,8 @@
 //! | 64 | 3 | yes | 2 | as 32 for the first of two modes | | | | | | | CRC-16 |
 //! | 128 | 4 | yes | 2 | as 32 for the first of four modes | | | | | | | CRC-16 |
 //!
-//! A further mode has six differences to the first one's mean, 12 bits each in the same steps, its share in 1/128
-//! (7 bits), then σ and correlations as the first. Zero bits fill up to the check.
+//! A further mode has six differences to the first one's mean, 12 bits each in the same steps, its share in 1/256
+//! (8 bits), then σ and correlations as the first. Zero bits fill up to the check.
 //!
 //! * Angles are of 2π / 2^bits, means to the nearest step. What rounding does to a mean is added to the variance by the
 //!   receiver (step²/12), so a chain of exchanges stays honest.
