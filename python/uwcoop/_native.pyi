@@ -14,12 +14,15 @@ __all__ = [
     "Navigator",
     "Replay",
     "TeamEstimator",
+    "belief_exchange",
     "bilinear_depth",
     "bilinear_gradient",
+    "cekf",
     "decode_belief",
     "effective_sample_size",
     "encode_belief",
     "fit_mixture",
+    "interleaved",
     "kernel_entropy",
     "liu_west",
     "moments",
@@ -159,6 +162,13 @@ class Replay:
 class TeamEstimator:
     """A centralised reference: fed the events of the whole team, transmits nothing. Empty while a replay holds it."""
 
+def belief_exchange(
+    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
+) -> Navigator: ...
+def cekf(options: dict[str, Any], ranging: Sequence[bool], sound_speed_mps: float) -> TeamEstimator: ...
+def interleaved(
+    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
+) -> Navigator: ...
 def run_all(replays: Sequence[Replay], threads: int) -> None: ...
 def bilinear_depth(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
 def bilinear_gradient(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
@@ -224,9 +234,7 @@ def encode_belief(
     packet: str,
 ) -> bytes: ...
 def decode_belief(packet: bytes, sender: int, tol_ns: int) -> dict[str, Any]: ...
-def landmark_navigator(
-    vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int
-) -> Navigator: ...
+def landmark_navigator(vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int) -> Navigator: ...
 def landmark_paper(vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int) -> Navigator: ...
 def landmark_predict(
     particles: _F8,

@@ -28,7 +28,8 @@ def open_mission(
     chart: Chart | str | Path | None = None,
     overrides: Sequence[str] = (),
 ) -> MissionLog:
-    """A log as it is, from its file (`.mcap`), or simulated from a scenario or the name or path of one.
+    """A log as it is, from its file (`.mcap`), from a recorded data set (the folder of an MRCLAM one), or simulated
+    from a scenario or the name or path of one.
 
     Args:
         mission: see above.
@@ -48,11 +49,30 @@ def open_mission(
         from uwcoop.missionlog.mcap import load_log
 
         return _told(load_log(mission), chart, overrides)
+    if isinstance(mission, str | Path) and Path(mission).is_dir():
+        return _told(*_recorded(Path(mission), 0 if seed is None else seed, overrides, chart))
     from uwcoop.simulate import simulate
 
     if isinstance(chart, str | Path):
         return simulate(load_scenario(mission, chart, overrides), seed)
     return simulate(load_scenario(mission, None, overrides), seed, chart)
+
+
+def _recorded(
+    folder: Path, seed: int, overrides: Sequence[str], chart: Chart | str | Path | None
+) -> tuple[MissionLog, Chart | str | Path | None, Sequence[str]]:
+    """A data set as a mission by the overrides `mrclam.*`; with the chart, and the overrides that are left."""
+    from uwcoop.mrclam import is_mrclam, read_mrclam
+
+    if not is_mrclam(folder):
+        raise LogError(f"{folder} is a folder but no MRCLAM data set: it has no Barcodes.dat")
+    own = [override for override in overrides if override.split(".")[0].strip() == "mrclam"]
+    told = scenarios.apply_overrides({}, own).get("mrclam", {})
+    return (
+        read_mrclam(folder, seed, **told),
+        chart,
+        [override for override in overrides if override not in own],
+    )
 
 
 def load_scenario(

@@ -66,7 +66,8 @@ def write_run(
         note: called with one line for each file that could not be made, because an optional dependency is
             missing or because the mission does not hold what it shows.
         figures: also `covariance.png`, `traffic.png` and, where information gains are recorded,
-            `information.png`.
+            `information.png`; of missions with a landmark `trajectories.png`, `velocities.png`, `offsets.png` and
+            `reconstruction.png`.
 
     Returns:
         Names of the files written.
@@ -87,6 +88,13 @@ def write_run(
             "traffic.png": _write_traffic,
             "information.png": _write_information,
         }
+        if "role_taken" in result.log.events:
+            writers |= {
+                "trajectories.png": _write_trajectories,
+                "velocities.png": _write_velocities,
+                "offsets.png": _write_offsets,
+                "reconstruction.png": _write_reconstruction,
+            }
     written = []
     for name, write in writers.items():
         try:
@@ -186,7 +194,7 @@ def _write_errors(result: RunResult, path: Path) -> None:
 def _write_map(result: RunResult, path: Path) -> None:
     from uwcoop.figures.map import map_figure
 
-    map_figure(result.tracks, _chart(result)).savefig(path)
+    map_figure(result.tracks, result.log.chart).savefig(path)
 
 
 def _write_covariance(result: RunResult, path: Path) -> None:
@@ -209,13 +217,39 @@ def _write_information(result: RunResult, path: Path) -> None:
     information_figure(result.tracks, title=title).savefig(path)
 
 
+def _write_trajectories(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.landmark import trajectories_figure
+
+    trajectories_figure(result.log, result.tracks, result.clouds).savefig(path)
+
+
+def _write_velocities(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.landmark import velocities_figure
+
+    velocities_figure(result.log).savefig(path)
+
+
+def _write_offsets(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.landmark_fixes import offsets_figure
+
+    offsets_figure(result.log, result.tracks).savefig(path)
+
+
+def _write_reconstruction(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.landmark_fixes import reconstruction_figure
+    from uwcoop.particles import around_fixes
+
+    told = result.tracks.get("reconstructions")
+    counted = (
+        [] if told is None else [n for n in told["navigator"].values if (told.sel(navigator=n) > 0).any()]
+    )
+    if not counted:
+        raise TracksError("no navigator reconstructs particles in this mission")
+    around = around_fixes(result.log, str(counted[0]))
+    reconstruction_figure(result.log, around, str(counted[0])).savefig(path)
+
+
 def _write_replay(result: RunResult, path: Path) -> None:
     from uwcoop.viewer import write_replay
 
-    write_replay(path, result.tracks, result.packets, result.clouds, _chart(result), result.log)
-
-
-def _chart(result: RunResult) -> Any:
-    if result.log.chart is None:
-        raise TracksError("the mission has no chart")
-    return result.log.chart
+    write_replay(path, result.tracks, result.packets, result.clouds, result.log.chart, result.log)

@@ -63,6 +63,9 @@ impl TeamEstimator for Counter {
     fn estimate(&self, _: VehicleId, t_ns: i64) -> Estimate {
         nowhere(t_ns)
     }
+    fn launch(&mut self, _: VehicleId, _: i64) -> Result<bool, Error> {
+        Ok(true)
+    }
     fn assumed_packet_bytes(&self) -> usize {
         0
     }

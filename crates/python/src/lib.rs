@@ -10,6 +10,7 @@ mod landmark;
 mod landmark_kernels;
 mod mission;
 mod navigators;
+mod origin_references;
 mod python_navigator;
 mod replay;
 mod team_estimator;
@@ -25,6 +26,9 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<replay::Replay>()?;
     module.add_class::<team_estimator::TeamEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
+    module.add_function(wrap_pyfunction!(origin_references::cekf, module)?)?;
+    module.add_function(wrap_pyfunction!(origin_references::belief_exchange, module)?)?;
+    module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
     landmark::register(module)?;
     landmark_kernels::register(module)?;
     kernels::register(module)

@@ -35,8 +35,8 @@ _NODES_DRAWN = 700
 """A panel has no more pixels than this along its longer side."""
 
 
-def map_figure(tracks: xr.Dataset, chart: Chart) -> Figure:
-    """Chart with hillshade, true and estimated paths and 95 % covariance ellipses; metres east and north.
+def map_figure(tracks: xr.Dataset, chart: Chart | None) -> Figure:
+    """Chart (if there is one) with hillshade, true and estimated paths and 95 % covariance ellipses; metres east and north.
 
     The panels share one frame, around all true paths and around the estimates as far as half the true
     paths' size outside them; an estimate further out is cut at the edge, and the panel's note says by how
@@ -47,7 +47,7 @@ def map_figure(tracks: xr.Dataset, chart: Chart) -> Figure:
     columns = 2 if len(navigators) == 4 else min(len(navigators), 3)
     panel_rows = math.ceil(len(navigators) / columns)
     view = _view(tracks, chart)
-    backdrop = chart_backdrop(chart, view)
+    backdrop = None if chart is None else chart_backdrop(chart, view)
     tall = float(np.clip((view[3] - view[2]) / (view[1] - view[0]), 0.35, 2.5))
     panel = _PANEL_INCH * max(1.0, 1.3 / columns)
     figure = figure_class(
@@ -60,7 +60,8 @@ def map_figure(tracks: xr.Dataset, chart: Chart) -> Figure:
         spare.set_axis_off()
     used = list(panels.flat[: len(navigators)])
     for i, (axes, navigator) in enumerate(zip(used, navigators, strict=True)):
-        draw_backdrop(axes, backdrop)
+        if chart is not None:
+            draw_backdrop(axes, backdrop)
         _draw_paths(axes, tracks, i, view)
         axes.set(xlim=view[:2], ylim=view[2:], aspect="equal", title=navigator)
         axes.tick_params(labelsize=8)
@@ -73,7 +74,7 @@ def map_figure(tracks: xr.Dataset, chart: Chart) -> Figure:
         bar = figure.colorbar(backdrop.shading, ax=panels, shrink=0.85, pad=0.02, aspect=30)
         bar.set_label("water depth (m)")
         bar.ax.invert_yaxis()
-    _legend(figure, tracks, _shows_no_chart(chart, view))
+    _legend(figure, tracks, chart is not None and _shows_no_chart(chart, view))
     figure.suptitle(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}", fontsize=12)
     return figure
 
@@ -167,17 +168,18 @@ def depth_colormap() -> Any:
 # ---------------------------------------------------------------------------------------------- paths
 
 
-def _view(tracks: xr.Dataset, chart: Chart) -> tuple[float, float, float, float]:
+def _view(tracks: xr.Dataset, chart: Chart | None) -> tuple[float, float, float, float]:
     """West, east, south, north of the common frame."""
     truth = finite_points(tracks["truth_position_m"].values)
     estimate = finite_points(tracks["position_m"].values)
+    cell_m = 1.0 if chart is None else chart.cell_m
     if len(truth):
-        reach = 0.5 * float(np.ptp(truth, axis=0).max()) + 10 * chart.cell_m
+        reach = 0.5 * float(np.ptp(truth, axis=0).max()) + 10 * cell_m
         estimate = np.clip(estimate, truth.min(0) - reach, truth.max(0) + reach)
     points = np.vstack([truth, estimate])
     if not len(points):
-        points = np.array([chart.extent[:2], chart.extent[2:]])
-    return frame_around(points, 0.1 * float(np.ptp(points, axis=0).max()) + 3 * chart.cell_m)
+        points = np.zeros((1, 2)) if chart is None else np.array([chart.extent[:2], chart.extent[2:]])
+    return frame_around(points, 0.1 * float(np.ptp(points, axis=0).max()) + 3 * cell_m)
 
 
 def frame_around(points: NDArray[np.float64], pad_m: float) -> tuple[float, float, float, float]:

@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
-from uwcoop.navigators.landmark import LANDMARK_NAVIGATORS
+from uwcoop.navigators import origin_references as references
+from uwcoop.navigators.landmark import LANDMARK_NAVIGATORS, ExchangeOptions
 from uwcoop.navigators.options import (
     DRIFT_PRESETS,
     DeadReckoningOptions,
@@ -57,7 +58,7 @@ __all__ = [
 ]
 
 
-Options: TypeAlias = DriftOptions | OriginOptions
+Options: TypeAlias = DriftOptions | OriginOptions | ExchangeOptions
 """Options of a packaged navigator."""
 
 
@@ -165,6 +166,59 @@ NAVIGATORS: dict[str, Spec] = {
         MpfOptions,
         {},
         _mpf,
+    ),
+    "local-only": Spec(
+        "Own sensors alone: DVL, heading and fixes in a filter with white acceleration.",
+        references.BeliefOptions,
+        {"correlation": "ignored", "use_ranges": False},
+        references.belief_exchange,
+        listed_only=True,
+    ),
+    "cekf": Spec(
+        "Centralised filter fed all that the team senses and hears, delayed states at launches (Webster et al. 2009).",
+        references.CekfOptions,
+        {"fed": "everything"},
+        references.cekf,
+        listed_only=True,
+        central=True,
+        realisable=False,
+    ),
+    "cekf-received": Spec(
+        "cekf for each vehicle alone, with the raw data of exactly the packets that reached it.",
+        references.CekfOptions,
+        {"fed": "received"},
+        references.cekf,
+        listed_only=True,
+        central=True,
+        realisable=False,
+    ),
+    "nekf": Spec(
+        "Packets of mean and covariance, correlation ignored (Walls & Eustice 2012, section 2.1).",
+        references.BeliefOptions,
+        {"correlation": "ignored"},
+        references.belief_exchange,
+        listed_only=True,
+    ),
+    "interleaved": Spec(
+        "Interleaved update: a bank of filters with a table of origins (Bahr, Walter & Leonard 2009).",
+        references.InterleavedOptions,
+        {},
+        references.interleaved,
+        listed_only=True,
+    ),
+    "covariance-intersection": Spec(
+        "Packets of mean and covariance, correlation taken as unknown.",
+        references.BeliefOptions,
+        {"correlation": "unknown"},
+        references.belief_exchange,
+        listed_only=True,
+    ),
+    "covariance-intersection-inflated": Spec(
+        "covariance-intersection with four times the process noise.",
+        references.BeliefOptions,
+        {"correlation": "unknown", "process_noise_factor": 4.0},
+        references.belief_exchange,
+        listed_only=True,
     ),
     "mpf-terrain-only": Spec("mpf without ranges.", MpfOptions, {"use_ranges": False}, _mpf),
 }

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uwcoop.errors import LogError, MissingDependencyError, UwcoopError
-from uwcoop.viewer import plots, scene, traffic
+from uwcoop.viewer import landmark, plots, scene, traffic
 from uwcoop.viewer.layout import blueprint
 from uwcoop.viewer.stage import Stage
 
@@ -32,7 +32,7 @@ def write_replay(
     tracks: xr.Dataset,
     packets: Mapping[str, NDArray[Any]],
     clouds: xr.Dataset | None,
-    chart: Chart,
+    chart: Chart | None,
     log: MissionLog,
 ) -> None:
     """Write the mission as a Rerun recording with a layout; the file appears whole or not at all.
@@ -41,8 +41,10 @@ def write_replay(
     changed): `chart`, `surface`, `truth/VEHICLE/{course,trail,body}`,
     `NAVIGATOR/VEHICLE/{trail,body/{position,cloud,ellipse_95}}`, `NAVIGATOR/packets/SENDER_to_RECEIVER`
     from launch until decoding ends; beside the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR`
-    and the text log `acoustics/NAVIGATOR`. Timeline `mission_time`: seconds since the mission's epoch. A
-    cloud is logged where `clouds` has one and is carried along with the estimate until the next.
+    and the text log `acoustics/NAVIGATOR`. Missions with a landmark also have the rays
+    `fixes/VEHICLE/{landmark_sees,mover_sees}`, rings `truth/VEHICLE/landmark` and the text log `events`. Timeline
+    `mission_time`: seconds since the mission's epoch. A cloud is logged where `clouds` has one and is carried
+    along with the estimate until the next.
 
     Raises:
         MissingDependencyError: without rerun.
@@ -55,10 +57,14 @@ def write_replay(
     try:
         stage = Stage.of(tracks, chart, log)
         recording = rr.RecordingStream("uwcoop")
-        recording.save(partial, default_blueprint=blueprint(stage, tracks, packets, chart, clouds))
+        recording.save(
+            partial,
+            default_blueprint=blueprint(stage, tracks, packets, clouds, events="role_taken" in log.events),
+        )
         recording.send_recording_name(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}")
         scene.send(recording, stage, tracks, chart, clouds)
         traffic.send(recording, stage, packets, log)
+        landmark.send(recording, stage, log)
         plots.send(recording, stage, tracks)
         recording.flush()
         recording.disconnect()

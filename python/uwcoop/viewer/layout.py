@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop import metrics
+from uwcoop.viewer.landmark import EVENTS, FIXES
 from uwcoop.viewer.stage import TIMELINE, Stage, entity
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
-
-    from uwcoop.charts import Chart
 
 STACKED_VEHICLES = 3
 """Up to so many vehicles have their plots above each other; more get a tab each."""
@@ -24,15 +23,16 @@ def blueprint(
     stage: Stage,
     tracks: xr.Dataset,
     packets: Mapping[str, NDArray[Any]],
-    chart: Chart,
     clouds: xr.Dataset | None,
+    *,
+    events: bool = False,
 ) -> Any:
-    """Layout of the recording."""
+    """Layout of the recording; `events`: with the text log of landings and roles."""
     import rerun.blueprint as rrb
 
     shown = _most_telling(stage, clouds, packets)
     scenes = rrb.Tabs(
-        *[_scene(stage, navigator, chart) for navigator in stage.navigators],
+        *[_scene(stage, navigator) for navigator in stage.navigators],
         active_tab=shown,
         name="scene",
     )
@@ -67,7 +67,9 @@ def blueprint(
         texts = [_text(navigator) for navigator in talking]
         active = talking.index(shown) if shown in talking else len(talking) - 1
         right.append(rrb.Tabs(*texts, active_tab=active, name="acoustics"))
-    shares = [len(error_plots) if stacked else 1.5, 1.3, 1.3][: len(right)]
+    if events:
+        right.append(_event_text())
+    shares = [len(error_plots) if stacked else 1.5, 1.3, 1.3, 1.0][: len(right)]
     return rrb.Blueprint(
         rrb.Horizontal(scenes, rrb.Vertical(*right, row_shares=shares), column_shares=[3, 2]),
         rrb.TimePanel(state="collapsed", timeline=TIMELINE, playback_speed=10.0),
@@ -77,7 +79,7 @@ def blueprint(
     )
 
 
-def _scene(stage: Stage, navigator: str, chart: Chart) -> Any:
+def _scene(stage: Stage, navigator: str) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -89,13 +91,13 @@ def _scene(stage: Stage, navigator: str, chart: Chart) -> Any:
     )
     trails = [stage.entity(who, v, "trail") for who in ("truth", navigator) for v in stage.vehicles]
     west, east, south, north = stage.window
-    bottom = -stage.exaggeration * chart.depth_range_m[1]
+    bottom = -stage.exaggeration * stage.deepest_m
     # A little nearer than the middle: perspective makes the near half larger.
     centre = np.array([(west + east) / 2, (south + north) / 2 - 0.1 * stage.span_m, bottom])
     eye = centre + stage.span_m * np.array([0.16, -0.8, 0.85])
     return rrb.Spatial3DView(
         origin="/",
-        contents=[f"+ {root}/{part}/**" for part in ("chart", "surface", "truth")]
+        contents=[f"+ {root}/{part}/**" for part in ("chart", "surface", "truth", FIXES)]
         + [f"+ {stage.entity(navigator)}/**"],
         name=navigator,
         background=rrb.Background(color=(24, 28, 34)),
@@ -134,6 +136,16 @@ def _text(navigator: str) -> Any:
         origin=entity("acoustics", navigator),
         name=f"acoustics: {navigator}",
         columns=rrb.TextLogColumns(text_log_columns=["LogLevel", "Body"]),
+    )
+
+
+def _event_text() -> Any:
+    import rerun.blueprint as rrb
+
+    return rrb.TextLogView(
+        origin=entity(EVENTS),
+        name="landings and roles",
+        columns=rrb.TextLogColumns(text_log_columns=["Body"]),
     )
 
 

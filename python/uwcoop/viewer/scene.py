@@ -26,7 +26,9 @@ TRUTH_COLOUR = (235, 235, 235)
 TRUTH_TRAIL_COLOUR = (30, 30, 30)
 
 
-def send(recording: Any, stage: Stage, tracks: xr.Dataset, chart: Chart, clouds: xr.Dataset | None) -> None:
+def send(
+    recording: Any, stage: Stage, tracks: xr.Dataset, chart: Chart | None, clouds: xr.Dataset | None
+) -> None:
     """Log the whole scene."""
     import rerun as rr
 
@@ -50,16 +52,17 @@ def send(recording: Any, stage: Stage, tracks: xr.Dataset, chart: Chart, clouds:
 # ---------------------------------------------------------------------------------------------- seabed
 
 
-def _seabed(recording: Any, stage: Stage, chart: Chart) -> None:
+def _seabed(recording: Any, stage: Stage, chart: Chart | None) -> None:
     import rerun as rr
 
-    vertices, triangles, colours = seabed_mesh(chart, stage.window)
-    if len(triangles):
-        recording.log(
-            stage.entity("chart"),
-            rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles, vertex_colors=colours),
-            static=True,
-        )
+    if chart is not None:
+        vertices, triangles, colours = seabed_mesh(chart, stage.window)
+        if len(triangles):
+            recording.log(
+                stage.entity("chart"),
+                rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles, vertex_colors=colours),
+                static=True,
+            )
     west, east, south, north = stage.window
     border = [[west, south, 0], [east, south, 0], [east, north, 0], [west, north, 0], [west, south, 0]]
     recording.log(

@@ -27,7 +27,7 @@ class Stage:
 
     Attributes: `time_s` (T,) the 1 Hz grid and `at` (T,) its indices in the tracks; `truth_m` (V, T, 2) and
     `yaw_rad` (V, T), NaN if unknown; `depth_m` (V, T); `window` west, east, south, north of what is worth
-    showing of the chart.
+    showing of the chart; `deepest_m` of the chart, of the vehicles without one.
     """
 
     navigators: tuple[str, ...]
@@ -38,16 +38,19 @@ class Stage:
     yaw_rad: Floats
     depth_m: Floats
     window: tuple[float, float, float, float]
+    deepest_m: float
     exaggeration: int
 
     @classmethod
-    def of(cls, tracks: xr.Dataset, chart: Chart, log: MissionLog) -> Stage:
+    def of(cls, tracks: xr.Dataset, chart: Chart | None, log: MissionLog) -> Stage:
         """Read the names, instants and truth of a mission and fit the scene around its paths."""
         time = np.asarray(tracks["time"].values, dtype=np.float64)
         at = np.flatnonzero(np.abs(time - np.round(time)) < 1e-9)
         truth = np.asarray(tracks["truth_position_m"].values, dtype=np.float64)[:, at]
         window = _window(tracks, chart)
         side = max(window[1] - window[0], window[3] - window[2])
+        depth = _depth(time[at], log, truth.shape[0])
+        deepest_m = float(depth.max()) if chart is None else chart.depth_range_m[1]
         return cls(
             navigators=tuple(str(n) for n in tracks["navigator"].values),
             vehicles=tuple(str(v) for v in tracks["vehicle"].values),
@@ -55,9 +58,10 @@ class Stage:
             at=at,
             truth_m=truth,
             yaw_rad=_yaw(truth, time[at], log),
-            depth_m=_depth(time[at], log, truth.shape[0]),
+            depth_m=depth,
             window=window,
-            exaggeration=_exaggeration(side, chart.depth_range_m[1]),
+            deepest_m=deepest_m,
+            exaggeration=_exaggeration(side, deepest_m),
         )
 
     @property
@@ -100,11 +104,13 @@ def rgb(index: int) -> tuple[int, int, int]:
     return (red, green, blue) if red + green + blue else (200, 200, 200)
 
 
-def _window(tracks: xr.Dataset, chart: Chart) -> tuple[float, float, float, float]:
+def _window(tracks: xr.Dataset, chart: Chart | None) -> tuple[float, float, float, float]:
     """The paths' box with a third of its size around it, as far as there is chart."""
-    west, south, east, north = chart.extent
     points = tracks["truth_position_m"].values.reshape(-1, 2)
     points = points[np.isfinite(points).all(1)]
+    if chart is None:
+        return _open_window(points)
+    west, south, east, north = chart.extent
     if not len(points):
         return west, east, south, north
     low, high = points.min(0), points.max(0)
@@ -118,6 +124,12 @@ def _window(tracks: xr.Dataset, chart: Chart) -> tuple[float, float, float, floa
     if window[1] - window[0] < 2 * chart.cell_m or window[3] - window[2] < 2 * chart.cell_m:
         return west, east, south, north
     return tuple(float(x) for x in window)  # type: ignore[return-value]
+
+
+def _open_window(points: Floats) -> tuple[float, float, float, float]:
+    low, high = (points.min(0), points.max(0)) if len(points) else (np.zeros(2), np.zeros(2))
+    pad = 0.1 * float((high - low).max()) + 20.0
+    return float(low[0] - pad), float(high[0] + pad), float(low[1] - pad), float(high[1] + pad)
 
 
 def _exaggeration(side_m: float, deepest_m: float) -> int:

@@ -294,6 +294,8 @@ impl Radio {
                 let packet = BeliefPacket::decode(bytes, sender, tol_ns).ok()?;
                 (packet.header, Said::Gaussian(packet.belief))
             }
+            // What other families of navigators say.
+            _ => return None,
         };
         let range = range_m(tol_ns, toa_ns, self.sound_speed_mps).and_then(|slant_m| {
             slant_to_horizontal(slant_m, self.depth_m, header.depth_m, sigma_range_m, SLANT_GATES)

@@ -133,6 +133,12 @@ pub trait TeamEstimator: Send {
     /// The belief about one vehicle.
     fn estimate(&self, vehicle: VehicleId, t_ns: i64) -> Estimate;
 
+    /// A slot of `vehicle` begins at `tol_ns`: the ranges that follow are to where it is now. False: it keeps silent.
+    ///
+    /// # Errors
+    /// An unknown vehicle, or a time in its past. Nothing has changed then.
+    fn launch(&mut self, vehicle: VehicleId, tol_ns: i64) -> Result<bool, Error>;
+
     /// Bytes of the packet that a slot is assumed to carry, for loss and air time.
     fn assumed_packet_bytes(&self) -> usize;
 

@@ -30,6 +30,8 @@ pub enum PacketKind {
     Cloud,
     /// 4: a few modes, [`MixturePacket`](super::MixturePacket).
     Mixture,
+    /// 14: a bank of beliefs, each with those whose information is in it, [`BankPacket`](super::BankPacket).
+    Bank,
 }
 
 impl PacketKind {
@@ -41,6 +43,7 @@ impl PacketKind {
             Self::BeliefF64 => 2,
             Self::Cloud => 3,
             Self::Mixture => 4,
+            Self::Bank => 14,
         }
     }
 
@@ -50,6 +53,7 @@ impl PacketKind {
             2 => Ok(Self::BeliefF64),
             3 => Ok(Self::Cloud),
             4 => Ok(Self::Mixture),
+            14 => Ok(Self::Bank),
             _ => Err(PacketError::InvalidCode { field: KIND.name, code }),
         }
     }
@@ -126,6 +130,13 @@ pub struct Header {
 }
 
 impl Header {
+    /// A depth as it arrives: rounded to the header's steps, 0 to 102.3 m.
+    #[must_use]
+    pub fn carried_depth_m(depth_m: f64) -> f64 {
+        let most = DEPTH.decode((1 << DEPTH.bits) - 1);
+        DEPTH.encode(depth_m.clamp(0.0, most)).map_or(f64::NAN, |steps| DEPTH.decode(steps))
+    }
+
     /// Bits of a header with a bitmap of `heard_bits`.
     #[must_use]
     pub const fn bits(heard_bits: u32) -> u32 {

@@ -28,6 +28,7 @@
 //! over the payload followed by [`implied_bytes`], and the CRC will cover it too: noise is then told from forgery, and
 //! a body's layout does not change. [`SEAL_BYTES`] is the overhead a layout has to leave room for today.
 
+mod bank;
 mod belief;
 mod bits;
 mod cloud;
@@ -40,6 +41,7 @@ mod mixture;
 mod tests;
 mod uncertainty;
 
+pub use bank::{BankPacket, Member, Origins};
 pub use belief::{BELIEF_BYTES, BELIEF_F64_BYTES, Belief, BeliefPacket};
 pub use bits::{BitReader, BitWriter};
 pub use cloud::CloudPacket;

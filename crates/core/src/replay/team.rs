@@ -53,7 +53,10 @@ impl Team {
             Self::Each(navigators) => {
                 Self::each(navigators, slot.sender)?.transmit(slot.tol_ns, slot.capacity_bytes)
             }
-            Self::Central(_) => Ok(Some(Arc::new([]))),
+            Self::Central(team) => {
+                let speaks = team.launch(slot.sender, slot.tol_ns)?;
+                Ok(speaks.then(|| Arc::from([].as_slice())))
+            }
         }
     }
 

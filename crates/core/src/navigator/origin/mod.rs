@@ -1,5 +1,13 @@
 //! Cooperative navigation by exchanged pose graphs (Walls & Eustice 2012) and what it is compared with.
 //!
 //! * [`local`]: own sensors and ranges, as every navigator of this family uses them.
+//! * [`belief`], [`interleaved`]: references that exchange positions instead of graphs.
+//! * [`odometry`]: vehicles that are told how they moved.
+//! * [`graph`], [`central`]: the references that are fed more than a vehicle can know.
 
+pub mod belief;
+pub mod central;
+pub mod graph;
+pub mod interleaved;
 pub mod local;
+pub mod odometry;

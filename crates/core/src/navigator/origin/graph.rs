@@ -1,0 +1,285 @@
+//! A team's pose graph with full covariance: each vehicle's current node, and delayed ones at times of launch.
+
+use serde::{Deserialize, Serialize};
+
+use super::local::{FixGate, Half, Linear, LocalOptions, Range, Reading, Sensors, estimate, start};
+use super::odometry::{Odometer, Step, drift};
+use crate::event::{Payload, VehicleId};
+use crate::information::{Gaussian, Joint, NODE};
+use crate::navigator::common::seconds;
+use crate::navigator::{Estimate, Outcome};
+use crate::packet::Header;
+
+/// What a node of the graph is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Node {
+    /// Where a vehicle is at its own time.
+    Current(VehicleId),
+    /// Where it was at a launch, ns.
+    Launch(VehicleId, i64),
+}
+
+/// What a sensor event did to a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Told {
+    /// Nothing.
+    Nothing,
+    /// It was measured.
+    Linear(Linear),
+    /// It moved.
+    Moved(Step),
+}
+
+/// What a vehicle's own events come to.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct Member {
+    sensors: Sensors,
+    odometer: Odometer,
+    gate: FixGate,
+    now_ns: Option<i64>,
+    rejected: u64,
+}
+
+impl Member {
+    /// What time alone does to the node until `t_ns`.
+    fn drift(&self, t_ns: i64, options: &LocalOptions) -> Step {
+        let dt_s = seconds(t_ns.saturating_sub(self.now_ns.unwrap_or(t_ns)));
+        drift(self.odometer.moves(), dt_s, self.sensors.process_noise_m2_per_s3(options))
+    }
+}
+
+/// The joint Gaussian of all nodes.
+///
+/// ```text
+/// nodes       [ Current(0) | Current(1) | Launch(0, t) | … ]    in the order in which they came
+/// joint mean  [ x y ẋ ẏ    | x y ẋ ẏ    | x y ẋ ẏ      | … ]    covariance: full
+/// ```
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Graph {
+    options: LocalOptions,
+    members: Vec<Member>,
+    nodes: Vec<Node>,
+    joint: Joint,
+}
+
+impl Graph {
+    /// Of a team none of which has had a fix.
+    #[must_use]
+    pub fn new(vehicles: usize, options: LocalOptions) -> Self {
+        let members = (0..vehicles).map(|_| Member::default()).collect();
+        Self { options, members, nodes: Vec::new(), joint: Joint::new() }
+    }
+
+    /// Where a node stands in the joint.
+    #[must_use]
+    pub fn find(&self, node: Node) -> Option<usize> {
+        self.nodes.iter().position(|n| *n == node)
+    }
+
+    /// How many nodes there are.
+    #[must_use]
+    pub fn nodes(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// Time that a vehicle has advanced to, ns.
+    #[must_use]
+    pub fn now_ns(&self, vehicle: usize) -> Option<i64> {
+        self.members[vehicle].now_ns
+    }
+
+    /// Depth of a vehicle as it knows it, m.
+    #[must_use]
+    pub fn depth_m(&self, vehicle: usize) -> f64 {
+        self.members[vehicle].sensors.depth_m()
+    }
+
+    /// Depth of a vehicle as its packets carry it, m.
+    #[must_use]
+    pub fn carried_depth_m(&self, vehicle: usize) -> f64 {
+        Header::carried_depth_m(self.depth_m(vehicle))
+    }
+
+    /// A vehicle's current node alone.
+    #[must_use]
+    pub fn current(&self, vehicle: usize) -> Option<Gaussian<NODE>> {
+        self.find(Node::Current(vehicle as VehicleId)).map(|node| self.joint.marginal(node))
+    }
+
+    /// Puts a node in the place of the current one of a graph's only vehicle.
+    pub fn set_alone(&mut self, node: &Gaussian<NODE>) {
+        self.joint = Joint::new();
+        self.joint.push(node);
+        self.nodes = vec![Node::Current(0)];
+    }
+
+    /// Counts a measurement of a vehicle that cannot be used.
+    pub fn reject(&mut self, vehicle: usize) {
+        self.members[vehicle].rejected += 1;
+    }
+
+    /// What time alone does to a vehicle's node until `t_ns`.
+    #[must_use]
+    pub fn drift(&self, vehicle: usize, t_ns: i64) -> Step {
+        self.members[vehicle].drift(t_ns, &self.options)
+    }
+
+    /// Moves a vehicle's current node to `t_ns`, never back.
+    pub fn advance(&mut self, vehicle: usize, t_ns: i64) {
+        let node = self.find(Node::Current(vehicle as VehicleId));
+        let member = &mut self.members[vehicle];
+        if let (Some(node), Some(now_ns)) = (node, member.now_ns)
+            && t_ns > now_ns
+        {
+            let Step { transition, offset, noise } = member.drift(t_ns, &self.options);
+            self.joint.propagate(node, &transition, &offset, &noise);
+        }
+        member.now_ns = Some(member.now_ns.map_or(t_ns, |now_ns| now_ns.max(t_ns)));
+    }
+
+    /// Advances a vehicle to its checked sensor event and fuses it.
+    pub fn sense(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> Outcome {
+        self.sense_and_tell(vehicle, t_ns, payload).0
+    }
+
+    /// As [`Graph::sense`], and what it did to the node.
+    pub fn sense_and_tell(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> (Outcome, Told) {
+        let nothing = (Outcome::Noted, Told::Nothing);
+        // Headings come at tens of hertz and are only kept: nothing has to move for them.
+        if matches!(payload, Payload::Heading { .. } | Payload::Depth { .. }) {
+            let member = &mut self.members[vehicle];
+            member.sensors.read(t_ns, payload);
+            member.odometer.read(payload, None);
+            return nothing;
+        }
+        self.advance(vehicle, t_ns);
+        if matches!(payload, Payload::Odometry { .. }) {
+            return self.step(vehicle, payload).map_or(nothing, |step| (Outcome::Fused, Told::Moved(step)));
+        }
+        match self.members[vehicle].sensors.read(t_ns, payload) {
+            Reading::Nothing => nothing,
+            Reading::Refused => {
+                self.reject(vehicle);
+                (Outcome::Gated, Told::Nothing)
+            }
+            // The node of a vehicle with odometry has no velocity to be measured.
+            Reading::Linear(linear)
+                if linear.half == Half::Velocity && self.members[vehicle].odometer.moves() =>
+            {
+                nothing
+            }
+            Reading::Linear(linear) => self.measure(vehicle, &linear),
+        }
+    }
+
+    fn measure(&mut self, vehicle: usize, linear: &Linear) -> (Outcome, Told) {
+        let Some(node) = self.find(Node::Current(vehicle as VehicleId)) else {
+            if linear.half == Half::Velocity {
+                return (Outcome::Noted, Told::Nothing);
+            }
+            self.joint.push(&start(linear, &self.options));
+            self.nodes.push(Node::Current(vehicle as VehicleId));
+            return (Outcome::Fused, Told::Nothing);
+        };
+        let innovation = self.joint.pair_innovation(node, linear.first(), &linear.value, &linear.noise);
+        match innovation {
+            Some(innovation)
+                if self.members[vehicle].gate.admits(linear.half, innovation.squared, &self.options) =>
+            {
+                self.joint.fuse(&innovation);
+                (Outcome::Fused, Told::Linear(*linear))
+            }
+            _ => {
+                self.reject(vehicle);
+                (Outcome::Gated, Told::Nothing)
+            }
+        }
+    }
+
+    /// Moves a vehicle by its odometry. With the first of it, the node forgets its velocity.
+    fn step(&mut self, vehicle: usize, payload: &Payload) -> Option<Step> {
+        let node = self.find(Node::Current(vehicle as VehicleId));
+        let member = &mut self.members[vehicle];
+        let fresh = if member.odometer.moves() { Step::rest() } else { Step::begin() };
+        let mean = node.map(|node| fresh.transition * self.joint.node_mean(node));
+        let step = fresh.then(&member.odometer.read(payload, mean.as_ref())?);
+        self.joint.propagate(node?, &step.transition, &step.offset, &step.noise);
+        Some(step)
+    }
+
+    /// Keeps a vehicle's node at `tol_ns` in place of that of its previous launch; false before its first fix.
+    pub fn launch(&mut self, vehicle: usize, tol_ns: i64) -> bool {
+        self.advance(vehicle, tol_ns);
+        let id = vehicle as VehicleId;
+        let old = self.nodes.iter().position(|n| matches!(n, Node::Launch(v, _) if *v == id));
+        if let Some(old) = old {
+            self.joint.remove(old);
+            self.nodes.remove(old);
+        }
+        let Some(current) = self.find(Node::Current(id)) else { return false };
+        self.joint.push_copy(current);
+        self.nodes.push(Node::Launch(id, tol_ns));
+        true
+    }
+
+    /// Fuses the range from `sender`'s node at launch to the receiver at arrival; counted when it cannot be.
+    ///
+    /// Where decoding took a while, the receiver has moved on: it is taken back along its velocity and forward again.
+    pub fn range(&mut self, sender: usize, receiver: usize, range: Option<Range>, toa_ns: i64) -> Outcome {
+        self.advance(receiver, toa_ns);
+        let late_s = self.late_s(receiver, toa_ns);
+        let outcome = match (range, self.find(Node::Current(receiver as VehicleId))) {
+            (Some(range), Some(node)) => {
+                self.shift(receiver, node, -late_s);
+                let outcome = range.fuse(&mut self.joint, sender, node, self.options.gate_sigmas);
+                self.shift(receiver, node, late_s);
+                outcome
+            }
+            _ => Outcome::Rejected,
+        };
+        if outcome != Outcome::Fused {
+            self.reject(receiver);
+        }
+        outcome
+    }
+
+    /// How long ago a vehicle was where it was at `toa_ns`, s.
+    #[must_use]
+    pub fn late_s(&self, vehicle: usize, toa_ns: i64) -> f64 {
+        seconds(self.members[vehicle].now_ns.unwrap_or(toa_ns).saturating_sub(toa_ns))
+    }
+
+    /// Moves a node along its velocity, without noise.
+    fn shift(&mut self, vehicle: usize, node: usize, dt_s: f64) {
+        if dt_s != 0.0 {
+            let Step { transition, offset, noise } = self.coast(vehicle, dt_s);
+            self.joint.propagate(node, &transition, &offset, &noise);
+        }
+    }
+
+    /// What time alone does to a vehicle's node if nothing pushes it.
+    #[must_use]
+    pub fn coast(&self, vehicle: usize, dt_s: f64) -> Step {
+        drift(self.members[vehicle].odometer.moves(), dt_s, 0.0)
+    }
+
+    /// The slant range between launch and arrival, reduced by both depths.
+    #[must_use]
+    pub fn measured(
+        &self,
+        receiver: usize,
+        (tol_ns, toa_ns): (i64, i64),
+        sender_depth_m: f64,
+        sound_speed_mps: f64,
+    ) -> Option<Range> {
+        let (own_depth_m, sigma_m) = (self.depth_m(receiver), self.options.sigma_range_m);
+        Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, sigma_m)
+    }
+
+    /// The belief about one vehicle, predicted to `t_ns`.
+    #[must_use]
+    pub fn estimate(&self, vehicle: usize, t_ns: i64) -> Estimate {
+        let node = self.current(vehicle).map(|node| self.drift(vehicle, t_ns).applied(&node));
+        estimate(node.as_ref(), t_ns, self.members[vehicle].rejected)
+    }
+}
