@@ -306,9 +306,7 @@ def reconstruct_graph(
     equation_6: bool = True,
     loss_max: float = 1e-4,
 ) -> dict[str, Any]: ...
-def landmark_navigator(
-    vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int
-) -> Navigator: ...
+def landmark_navigator(vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int) -> Navigator: ...
 def landmark_paper(vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int) -> Navigator: ...
 def landmark_predict(
     particles: _F8,
@@ -358,7 +356,7 @@ def fit_gaussian_mixture(
     ridge_one: float = 1e-9,
     ridge_many: float = 1e-3,
     seed: int = 0,
-    first_means: _F8 | None = None,
+    first: tuple[_F8, _F8, _F8] | None = None,
 ) -> dict[str, Any]: ...
 def expand_exchange(weights: _F8, means: _F8, covariances: _F8, normals: _F8) -> _F8: ...
 def encode_exchange(

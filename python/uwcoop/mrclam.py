@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 RATE_HZ = 5
 """Of the log's odometry and truth."""
 BARCODES = "Barcodes.dat"
+ROOM_M = 15.0
+"""Where a range that is an outlier may lie: the arena's size."""
 STILL = (1e-9, 1e-9)
 """Below these speeds, m/s and rad/s, a robot stands."""
 FRAME_SIGMA_M, FRAME_SIGMA_RAD = 1e-3, 1e-4
@@ -293,6 +295,17 @@ def _scenario(told: MrclamOptions) -> dict[str, Any]:
         "mrclam": told.model_dump(mode="json", exclude_none=True),
         "metrics": {"settle_s": told.settle_s},
         "navigators": ["dead-reckoning-dvl", "landmark-paper", "landmark-ekf", "landmark"],
+        "navigator": {
+            "all": {
+                "sigma_range_m": told.range_sigma_m,
+                "sigma_own_bearing_deg": told.bearing_sigma_deg,
+                "sigma_peer_bearing_deg": told.bearing_sigma_deg,
+                "outlier_width_m": ROOM_M,
+                "sigma_velocity_constant_mps": told.velocity_sigma_mps,
+                "sigma_velocity_root": 0.0,
+                "sigma_yaw_rate_degps": told.turn_rate_sigma_degps,
+            }
+        },
     }
 
 

@@ -16,7 +16,7 @@ from uwcoop import _native
 from uwcoop.errors import NavigatorError
 from uwcoop.navigators import origin
 from uwcoop.navigators import origin_references as references
-from uwcoop.navigators.landmark import LANDMARK_NAVIGATORS
+from uwcoop.navigators.landmark import LANDMARK_NAVIGATORS, ExchangeOptions
 from uwcoop.navigators.options import (
     DRIFT_PRESETS,
     DeadReckoningOptions,
@@ -61,7 +61,7 @@ __all__ = [
 ]
 
 
-Options: TypeAlias = DriftOptions | OriginOptions
+Options: TypeAlias = DriftOptions | OriginOptions | ExchangeOptions
 """Options of a packaged navigator."""
 
 

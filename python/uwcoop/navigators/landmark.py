@@ -147,7 +147,9 @@ class LandmarkOptions(ExchangeOptions):
     sigma_landing_yaw_deg: NonNegative = 0.0
 
 
-def _landmark(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> _native.Navigator:
+def _landmark(
+    context: Context, options: Mapping[str, Any], _chart: _native.Chart | None
+) -> _native.Navigator:
     return _native.landmark_navigator(context.vehicle, context.vehicles, dict(options), context.seed)
 
 

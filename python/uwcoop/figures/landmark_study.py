@@ -1,0 +1,65 @@
+"""Over many missions with a landmark: time against particles, and error against the exchange packet's bytes.
+
+Matsuda et al. (2017), Figs. 16 and 17.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def cost_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
+    """CPU time of a mission and of one compression (Fig. 16), and the mission's time over it (Fig. 17).
+
+    Args:
+        rows: `particles`, `mission_s`, `compression_s` and `rate` (times real time) each.
+    """
+    table = sorted(rows, key=lambda row: row["particles"])
+    count = [row["particles"] for row in table]
+    figure = matplotlib_figure()(figsize=(9.6, 3.8), dpi=DPI, layout="constrained")
+    left, right = figure.subplots(1, 2)
+    for key, name, colour, marker in (
+        ("mission_s", "whole mission", OKABE_ITO[1], "o"),
+        ("compression_s", "compression at one exchange", OKABE_ITO[2], "s"),
+    ):
+        left.plot(count, [row[key] for row in table], color=colour, marker=marker, ms=5, label=name)
+    right.plot(count, [row["rate"] for row in table], color=OKABE_ITO[0], marker="D", ms=5)
+    left.set(xscale="log", yscale="log", xlabel="particles", ylabel="CPU time (s)")
+    right.set(xscale="log", yscale="log", xlabel="particles", ylabel="mission time / CPU time")
+    left.legend(fontsize=8, frameon=False)
+    for axes in (left, right):
+        axes.grid(alpha=0.3, lw=0.6, which="both")
+        axes.tick_params(labelsize=8)
+    return figure
+
+
+def bytes_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
+    """Error and consistency against the bytes of the exchange packet.
+
+    Args:
+        rows: `bytes`, `rmse_m`, `yaw_deg` and `anees` (per degree of freedom) each.
+    """
+    table = sorted(rows, key=lambda row: row["bytes"])
+    size = [row["bytes"] for row in table]
+    figure = matplotlib_figure()(figsize=(11.0, 3.6), dpi=DPI, layout="constrained")
+    panels = figure.subplots(1, 3)
+    for axes, (key, label, colour) in zip(
+        panels,
+        (("rmse_m", "position, RMS (m)", OKABE_ITO[1]), ("yaw_deg", "yaw, RMS (deg)", OKABE_ITO[0]),
+         ("anees", "state NEES / dof (ideal 1)", OKABE_ITO[2])),
+        strict=True,
+    ):  # fmt: skip
+        axes.plot(size, [row[key] for row in table], color=colour, marker="o", ms=5)
+        axes.set(xscale="log", xlabel="exchange packet (bytes)", ylabel=label, ylim=(0, None))
+        axes.set_xticks(size, [f"{value:.0f}" for value in size])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3, lw=0.6)
+        axes.tick_params(labelsize=8)
+    panels[2].axhline(1, color="#666666", lw=0.8, ls="--")
+    return figure
