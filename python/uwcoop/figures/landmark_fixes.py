@@ -11,7 +11,7 @@ import numpy as np
 
 from uwcoop.errors import TracksError
 from uwcoop.figures.errors import LINE_STYLES
-from uwcoop.figures.landmark import Believed, landmark_spans
+from uwcoop.figures.landmark import Believed, Span, landmark_spans
 from uwcoop.figures.map import DPI, MARKERS, OKABE_ITO, finite_points, frame_around, matplotlib_figure
 from uwcoop.frames import wrap_angle
 
@@ -61,8 +61,9 @@ def offsets_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
     """Offsets of range and both bearings over time, and, of navigators that monitor it, the likelihood.
 
     A row for each measurement, a colour for each navigator; below, the share ln(mean likelihood) / ln(largest)
-    with the threshold of the log reading, and each reconstruction or reset as a vertical line. Shaded: two sigmas
-    of the scenario. Thin vertical lines: exchanges. What lies far beyond the best navigator's offsets is cut off. Save with `figure.savefig(path)`; needs no display.
+    of the mover with the threshold of the log reading, and each reconstruction or reset as a vertical line.
+    Shaded: two sigmas of the scenario. Thin vertical lines: exchanges. What lies far beyond the best navigator's
+    offsets is cut off. Save with `figure.savefig(path)`; needs no display.
 
     Raises:
         TracksError: nobody takes the landmark's role, or there are no fixes.
@@ -98,7 +99,7 @@ def offsets_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
         axes.set(ylim=(-top, top), ylabel=LABELS[k])
         axes.axhline(0, color="#666666", lw=0.5)
     for i in monitored:
-        _draw_likelihood(panels[-1], tracks, i)
+        _draw_likelihood(panels[-1], tracks, i, spans)
     for axes in panels:
         for span in spans[1:]:
             axes.axvline(span.start_s, color="#111111", lw=0.7, ls=(0, (1, 1.5)))
@@ -192,10 +193,12 @@ def _likelihood(tracks: xr.Dataset, navigator: int) -> Floats | None:
         return np.asarray(np.where(most > 0, mean / most, np.nan), dtype=np.float64)
 
 
-def _draw_likelihood(axes: Axes, tracks: xr.Dataset, navigator: int) -> None:
+def _draw_likelihood(axes: Axes, tracks: xr.Dataset, navigator: int, spans: list[Span]) -> None:
     time = tracks["time"].values
     share = _likelihood(tracks, navigator)
     assert share is not None
+    for span in spans:  # who is the landmark measures nothing
+        share[span.vehicle, (time >= span.start_s) & (time < span.end_s)] = np.nan
     for j in range(share.shape[0]):
         axes.plot(time, share[j], color=OKABE_ITO[navigator % 8], lw=0.9, ls=LINE_STYLES[j % 5])
         for name, style in (("reconstructions", "-"), ("resets", "--")):
