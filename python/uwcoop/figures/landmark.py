@@ -99,8 +99,8 @@ def trajectories_figure(log: MissionLog, tracks: xr.Dataset, clouds: xr.Dataset 
 def measured_positions(log: MissionLog, tracks: xr.Dataset, navigator: int) -> dict[str, Floats]:
     """Where fixes put the mover, (K, 2) each: "peer" by range and the landmark's bearing, "own" by the mover's own.
 
-    The landmark's pose is what its own navigator believed, the mover's heading what the mover's did; navigators
-    without a yaw (or none yet) take the true one where it is known.
+    The landmark's pose is what the mover believed of it (its own navigator, for movers that say nothing of it), the
+    heading what the mover believed; navigators without a yaw take the true one where it is known.
     """
     fixes = log.events.get("acoustic_fix")
     empty = np.empty((0, 2))
@@ -108,8 +108,8 @@ def measured_positions(log: MissionLog, tracks: xr.Dataset, navigator: int) -> d
         return {"peer": empty, "own": empty}
     t_s = fixes["t_ns"] / 1e9
     believed = Believed(log, tracks, navigator)
-    stands = believed.position_m(fixes["peer"], t_s)
-    bearing = believed.yaw_rad(fixes["peer"], t_s) + fixes["peer_bearing_rad"]
+    stands, points = believed.landmark(fixes["vehicle"], fixes["peer"], t_s)
+    bearing = points + fixes["peer_bearing_rad"]
     back = believed.yaw_rad(fixes["vehicle"], t_s) + fixes["own_bearing_rad"] + math.pi
     return {
         name: _polar(stands, fixes["range_m"], angle) for name, angle in (("peer", bearing), ("own", back))
@@ -123,6 +123,9 @@ class Believed:
         self._time = np.asarray(tracks["time"].values, dtype=np.float64)
         self._position = np.asarray(tracks["position_m"].values[navigator], dtype=np.float64)
         self._yaw = np.asarray(tracks["yaw_rad"].values[navigator], dtype=np.float64)
+        names = ("landmark_e_m", "landmark_n_m", "landmark_yaw_rad")
+        told = bool(tracks["heard"].values[navigator].any())  # else its landmark is for ever the first one
+        self._landmark = [tracks[name].values[navigator] for name in names if told and name in tracks]
         if not np.isfinite(self._yaw).any() and "truth_yaw_rad" in tracks:
             self._yaw = np.asarray(tracks["truth_yaw_rad"].values, dtype=np.float64)
 
@@ -134,6 +137,19 @@ class Believed:
     def yaw_rad(self, vehicle: NDArray[np.int64], t_s: Floats) -> Floats:
         """(K,), along the shorter arc."""
         return self._between(np.unwrap(np.nan_to_num(self._yaw), axis=1), vehicle, t_s)
+
+    def landmark(
+        self, mover: NDArray[np.int64], landmark: NDArray[np.int64], t_s: Floats
+    ) -> tuple[Floats, Floats]:
+        """Position (K, 2) and yaw (K,) of the landmark as the mover believed before these times."""
+        position, yaw = self.position_m(landmark, t_s), self.yaw_rad(landmark, t_s)
+        if len(self._landmark) == 3:
+            before = np.maximum(np.searchsorted(self._time, t_s, side="right") - 1, 0)
+            east, north, points = (values[mover, before] for values in self._landmark)
+            told = np.isfinite(east) & np.isfinite(north) & np.isfinite(points)
+            position = np.where(told[:, None], np.column_stack([east, north]), position)
+            yaw = np.where(told, points, yaw)
+        return position, yaw
 
     def _between(self, values: Floats, vehicle: NDArray[np.int64], t_s: Floats) -> Floats:
         out = np.empty(len(t_s))

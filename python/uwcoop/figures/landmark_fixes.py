@@ -11,7 +11,7 @@ import numpy as np
 
 from uwcoop.errors import TracksError
 from uwcoop.figures.errors import LINE_STYLES
-from uwcoop.figures.landmark import Believed, landmark_spans
+from uwcoop.figures.landmark import Believed, Span, landmark_spans
 from uwcoop.figures.map import DPI, MARKERS, OKABE_ITO, finite_points, frame_around, matplotlib_figure
 from uwcoop.frames import wrap_angle
 
@@ -29,6 +29,8 @@ CHANNELS = ("range_m", "own_bearing_rad", "peer_bearing_rad")
 LABELS = ("range\noffset (m)", "mover's bearing\noffset (deg)", "landmark's bearing\noffset (deg)")
 BEFORE, AFTER = "#D55E00", "#009E73"
 """Particles before and after a fix."""
+BEYOND = 6.0
+"""Offsets are drawn up to so many times those of the best navigator."""
 PANELS = 9
 """Fixes shown around a reconstruction: the paper shows (a) to (i)."""
 
@@ -36,18 +38,18 @@ PANELS = 9
 def fix_offsets(log: MissionLog, tracks: xr.Dataset, navigator: int) -> dict[str, Floats]:
     """Signed offsets of every fix from what the navigators believed, by (10), (11) and (13): metres and radians, (K,).
 
-    Positions at launch and reception are the mover's, the landmark's pose its own navigator's. NaN: not measured.
+    Poses are the mover's beliefs, between the tracks' instants. NaN: not measured.
     """
     fixes = log.events.get("acoustic_fix")
     if fixes is None:
         raise TracksError("the mission has no mutual positioning")
     believed = Believed(log, tracks, navigator)
     asked_s, t_s = fixes["transmit_ns"] / 1e9, fixes["t_ns"] / 1e9
-    stands = believed.position_m(fixes["peer"], t_s)
+    stands, points = believed.landmark(fixes["vehicle"], fixes["peer"], t_s)
     back = stands - believed.position_m(fixes["vehicle"], t_s)
     out = stands - believed.position_m(fixes["vehicle"], asked_s)
     own = np.arctan2(back[:, 1], back[:, 0]) - believed.yaw_rad(fixes["vehicle"], t_s)
-    peer = np.arctan2(-out[:, 1], -out[:, 0]) - believed.yaw_rad(fixes["peer"], t_s)
+    peer = np.arctan2(-out[:, 1], -out[:, 0]) - points
     return {
         "range_m": fixes["range_m"] - (np.hypot(*back.T) + np.hypot(*out.T)) / 2,
         "own_bearing_rad": np.asarray(wrap_angle(fixes["own_bearing_rad"] - own)),
@@ -59,8 +61,9 @@ def offsets_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
     """Offsets of range and both bearings over time, and, of navigators that monitor it, the likelihood.
 
     A row for each measurement, a colour for each navigator; below, the share ln(mean likelihood) / ln(largest)
-    with the threshold of the log reading, and each reconstruction or reset as a vertical line. Shaded: two sigmas
-    of the scenario. Thin vertical lines: exchanges. Save with `figure.savefig(path)`; needs no display.
+    of the mover with the threshold of the log reading, and each reconstruction or reset as a vertical line.
+    Shaded: two sigmas of the scenario. Thin vertical lines: exchanges. What lies far beyond the best navigator's
+    offsets is cut off. Save with `figure.savefig(path)`; needs no display.
 
     Raises:
         TracksError: nobody takes the landmark's role, or there are no fixes.
@@ -74,31 +77,29 @@ def offsets_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
     panels = figure.subplots(rows, 1, squeeze=False, sharex=True)[:, 0]
     t_s = log.events["acoustic_fix"]["t_ns"] / 1e9 if "acoustic_fix" in log.events else np.empty(0)
     sigma = _sigmas(log)
-    largest = np.zeros(len(CHANNELS))
+    reach: list[list[float]] = [[] for _ in CHANNELS]
     for i in range(len(navigators)):
         offsets = fix_offsets(log, tracks, i)
         for k, (axes, channel) in enumerate(zip(panels, CHANNELS, strict=False)):
             values = offsets[channel] if k == 0 else np.degrees(offsets[channel])
-            axes.plot(
-                t_s,
-                values,
-                ls="",
-                marker=MARKERS[i % 8],
-                ms=2.8,
-                mew=0.4,
-                mec="white",
-                color=OKABE_ITO[i % 8],
-                zorder=3,
-            )
+            # Later ones are smaller and on top: where methods agree their marks are concentric.
+            size = 2.6 + 1.5 * (len(navigators) - 1 - i)
+            style: dict[str, Any] = {
+                "ls": "",
+                "marker": MARKERS[i % 8],
+                "mfc": "none",
+                "color": OKABE_ITO[i % 8],
+            }
+            axes.plot(t_s, values, ms=size, mew=0.9, zorder=3, **style)
             finite = np.abs(values[np.isfinite(values)])
-            largest[k] = max(largest[k], float(np.quantile(finite, 0.98)) if finite.size else 0.0)
+            reach[k].append(float(np.quantile(finite, 0.98)) if finite.size else 0.0)
     for k, axes in enumerate(panels[: len(CHANNELS)]):
         axes.axhspan(-2 * sigma[k], 2 * sigma[k], color="#999999", alpha=0.18, lw=0)
-        reach = 1.15 * max(largest[k], 3 * sigma[k])
-        axes.set(ylim=(-reach, reach), ylabel=LABELS[k])
+        top = 1.15 * max(min(max(reach[k]), BEYOND * min(reach[k])), 3 * sigma[k])
+        axes.set(ylim=(-top, top), ylabel=LABELS[k])
         axes.axhline(0, color="#666666", lw=0.5)
     for i in monitored:
-        _draw_likelihood(panels[-1], tracks, i)
+        _draw_likelihood(panels[-1], tracks, i, spans)
     for axes in panels:
         for span in spans[1:]:
             axes.axvline(span.start_s, color="#111111", lw=0.7, ls=(0, (1, 1.5)))
@@ -152,8 +153,9 @@ def reconstruction_figure(log: MissionLog, around: xr.Dataset, navigator: str) -
         axes.set_title(f"({'abcdefghi'[panel]}) {around['t_s'].values[k]:.0f} s{note}", fontsize=9)
         axes.tick_params(labelsize=7)
         axes.grid(alpha=0.25, lw=0.5)
-    figure.supxlabel("east (m)", fontsize=10)
-    figure.supylabel("north (m)", fontsize=10)
+    for panel in range(3):
+        panels[6 + panel].set_xlabel("east (m)", fontsize=9)
+        panels[3 * panel].set_ylabel("north (m)", fontsize=9)
     _particles_legend(figure)
     figure.suptitle(
         f"{log.name}, seed {log.seed}: {navigator}'s particles around a reconstruction", fontsize=12
@@ -182,19 +184,21 @@ def _sigmas(log: MissionLog) -> Floats:
 
 def _likelihood(tracks: xr.Dataset, navigator: int) -> Floats | None:
     """ln(mean likelihood) / ln(largest), (vehicle, time); None for a navigator without a monitor."""
-    if not {"log_likelihood_mean", "log_likelihood_max"} <= set(tracks.data_vars):
+    if not {"likelihood_log_mean", "likelihood_log_max"} <= set(tracks.data_vars):
         return None
-    mean, most = (tracks[f"log_likelihood_{name}"].values[navigator] for name in ("mean", "max"))
+    mean, most = (tracks[f"likelihood_log_{name}"].values[navigator] for name in ("mean", "max"))
     if not np.isfinite(mean).any():
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.asarray(np.where(most > 0, mean / most, np.nan), dtype=np.float64)
 
 
-def _draw_likelihood(axes: Axes, tracks: xr.Dataset, navigator: int) -> None:
+def _draw_likelihood(axes: Axes, tracks: xr.Dataset, navigator: int, spans: list[Span]) -> None:
     time = tracks["time"].values
     share = _likelihood(tracks, navigator)
     assert share is not None
+    for span in spans:  # who is the landmark measures nothing
+        share[span.vehicle, (time >= span.start_s) & (time < span.end_s)] = np.nan
     for j in range(share.shape[0]):
         axes.plot(time, share[j], color=OKABE_ITO[navigator % 8], lw=0.9, ls=LINE_STYLES[j % 5])
         for name, style in (("reconstructions", "-"), ("resets", "--")):
@@ -211,7 +215,7 @@ def _offsets_legend(figure: Figure, navigators: list[str]) -> None:
     from matplotlib.patches import Patch
 
     handles: list[Any] = [
-        Line2D([], [], ls="", marker=MARKERS[i % 8], ms=5, color=OKABE_ITO[i % 8], label=name)
+        Line2D([], [], ls="", marker=MARKERS[i % 8], ms=6, mfc="none", color=OKABE_ITO[i % 8], label=name)
         for i, name in enumerate(navigators)
     ]
     handles += [
