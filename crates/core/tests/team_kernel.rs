@@ -77,7 +77,8 @@ impl World {
         let mut rows = vec![0.0; weighing * COUNT];
         let mut innovation = [vec![0.0; COUNT], vec![0.0; COUNT]];
         let [east, north] = &self.own;
-        let program = Program { base, ops, terrain, own: Own { at: [[east, north], [north, east]] } };
+        let program =
+            Program { base, ops, terrain, own: Own { at: [[east, north], [north, east]] }, current: None };
         let mut scratch = Vec::new();
         let mut joints = Joints {
             dim: DIM,
@@ -90,9 +91,8 @@ impl World {
         let [nu, s] = &mut innovation;
         run(&program, &mut joints, &mut rows, &mut [nu, s]);
         let means = (0..COUNT).map(|i| DVector::from_fn(DIM, |r, _| mean[r * COUNT + i])).collect();
-        let covariances = (0..COUNT)
-            .map(|i| DMatrix::from_fn(DIM, DIM, |r, c| after[packed(r, c) * COUNT + i]))
-            .collect();
+        let covariances =
+            (0..COUNT).map(|i| DMatrix::from_fn(DIM, DIM, |r, c| after[packed(r, c) * COUNT + i])).collect();
         (means, covariances, rows, innovation)
     }
 }
@@ -170,7 +170,7 @@ fn depths(curvature: f64) -> Vec<f32> {
 
 fn terrain(values: &[f32], dof: f64) -> Terrain<'_> {
     let grid = Grid { values, rows: SIDE, cols: SIDE, east0_m: 0.0, north0_m: 0.0, cell_m: 1.0 };
-    Terrain { chart: grid, filled: grid, sigma: MapSigma::Uniform(0.1), dof, residual_weight: 1.0 }
+    Terrain { chart: grid, filled: grid, sigma: MapSigma::Uniform(0.1), dof }
 }
 
 fn sounding(water_depth_m: f64, shared: f64) -> Op {
@@ -217,7 +217,8 @@ fn a_sounding_over_a_bowl_is_statistically_linearised() {
         let l21 = p[(n, e)] / l11;
         let l22 = (p[(n, n)] - l21 * l21).sqrt();
         let root3 = 3.0f64.sqrt();
-        let h = |x: f64, y: f64| bilinear(&t.chart, m[e] + root3 * l11 * x, m[n] + root3 * (l21 * x + l22 * y));
+        let h =
+            |x: f64, y: f64| bilinear(&t.chart, m[e] + root3 * l11 * x, m[n] + root3 * (l21 * x + l22 * y));
         let (h0, h1, h2, h3, h4) = (h(0., 0.), h(1., 0.), h(-1., 0.), h(0., 1.), h(0., -1.));
         let mean = h0 / 3.0 + (h1 + h2 + h3 + h4) / 6.0;
         let (d1, d2) = ((h1 - h2) / (2.0 * root3), (h3 - h4) / (2.0 * root3));
@@ -326,8 +327,7 @@ fn ranges_to_oneself_and_between_blocks_are_the_dense_updates() {
 fn a_fix_is_two_dense_updates() {
     let world = World::new();
     let position_m = [63.0, 52.0];
-    let (means, covariances, rows, _) =
-        world.run(0, &[Op::Fix { position_m, variance_m2: 9.0 }], None);
+    let (means, covariances, rows, _) = world.run(0, &[Op::Fix { position_m, variance_m2: 9.0 }], None);
     for i in 0..COUNT {
         let (mut m, mut p, mut log) = (world.mean[i].clone(), world.covariance_of(i).clone(), 0.0);
         for axis in 0..2 {

@@ -26,6 +26,8 @@ pub fn team_options(vehicles: usize, particles: usize) -> TeamOptions {
         packet_spacing_m: 0.0,
         group_size: 4,
         least_ess_share: 0.02,
+        current_difference: 1.0,
+        offset_difference_m: f64::INFINITY,
         fill_reach_m: 60.0,
     }
 }
@@ -49,17 +51,23 @@ pub enum Act {
 
 /// Everything that happens to the navigators in `seconds`, but for what they say.
 pub fn acts(vehicles: u16, seconds: i64) -> Vec<Act> {
+    acts_over(vehicles, seconds, rich_depth)
+}
+
+/// The same over another seabed.
+pub fn acts_over(vehicles: u16, seconds: i64, depth: fn(f64, f64) -> f64) -> Vec<Act> {
     let mut all = Vec::new();
     for v in 0..vehicles {
         all.push(Act::Event(fix(0, v, track(v, 0.0), 4.0)));
     }
-    let errors: Vec<Vec<f64>> =
-        (0..vehicles).map(|v| world_noise(3, v, seconds as usize + 1).iter().map(|x| 0.05 * x).collect()).collect();
+    let errors: Vec<Vec<f64>> = (0..vehicles)
+        .map(|v| world_noise(3, v, seconds as usize + 1).iter().map(|x| 0.05 * x).collect())
+        .collect();
     for second in 0..=seconds {
         for v in 0..vehicles {
             let mut vehicle = Vehicle::new(v, |t| track(v, t));
             vehicle.sounding_errors_m = errors[usize::from(v)].clone();
-            all.extend(vehicle.second(second, rich_depth).into_iter().map(Act::Event));
+            all.extend(vehicle.second(second, depth).into_iter().map(Act::Event));
         }
         if second % SLOT_S == 0 && second > 0 {
             let vehicle = (second / SLOT_S % i64::from(vehicles)) as u16;

@@ -17,11 +17,7 @@ impl CommonCurrent {
     /// Nothing yet.
     #[must_use]
     pub fn new(particles: usize, vehicles: usize) -> Self {
-        Self {
-            way: std::array::from_fn(|_| vec![0.0; particles]),
-            elapsed_s: 0.0,
-            at: vec![None; vehicles],
-        }
+        Self { way: std::array::from_fn(|_| vec![0.0; particles]), elapsed_s: 0.0, at: vec![None; vehicles] }
     }
 
     /// Time passes; the first two linear states are the current.
@@ -49,8 +45,7 @@ impl CommonCurrent {
         let particles = self.way[0].len();
         let Some(slot) = self.at.get_mut(usize::from(vehicle)) else { return };
         let then_s = self.elapsed_s - ago_s;
-        let (kept, kept_s) =
-            slot.get_or_insert_with(|| (std::array::from_fn(|_| vec![0.0; particles]), 0.0));
+        let (kept, kept_s) = slot.get_or_insert_with(|| (std::array::from_fn(|_| vec![0.0; particles]), 0.0));
         let span_s = then_s - *kept_s;
         for axis in 0..2 {
             mean[axis].resize(particles, 0.0);
