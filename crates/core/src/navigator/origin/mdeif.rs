@@ -253,7 +253,7 @@ impl Navigator for Mdeif {
         self.check_sender(&event.payload)?;
         if let Payload::Reception { sender, tol_ns, toa_ns, bytes } = &event.payload {
             let outcome = self.receive(*sender, *tol_ns, *toa_ns, bytes)?;
-            self.core.server.filter.now_ns = Some(event.t_ns);
+            self.core.server.filter.advance(event.t_ns);
             return Ok(outcome);
         }
         let mut server = self.core.server.clone();
