@@ -41,9 +41,10 @@ def write_replay(
     changed): `chart`, `surface`, `truth/VEHICLE/{course,trail,body}`,
     `NAVIGATOR/VEHICLE/{trail,body/{position,cloud,ellipse_95}}`, `NAVIGATOR/packets/SENDER_to_RECEIVER`
     from launch until decoding ends, and for navigators with a pose graph
-    `NAVIGATOR/graph/SENDER_at_RECEIVER/{nodes,edges,ranges,lost}` and `NAVIGATOR/graph/SENDER_origin`; beside the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR`
-    and the text log `acoustics/NAVIGATOR`. Timeline `mission_time`: seconds since the mission's epoch. A
-    cloud is logged where `clouds` has one and is carried along with the estimate until the next.
+    `NAVIGATOR/graph/SENDER_at_RECEIVER/{nodes,edges,ranges,lost}` and `NAVIGATOR/graph/SENDER_origin`; beside
+    the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR` and the text log `acoustics/NAVIGATOR`.
+    Timeline `mission_time`: seconds since the mission's epoch. A cloud is logged where `clouds` has one and is
+    carried along with the estimate until the next.
 
     Raises:
         MissingDependencyError: without rerun.

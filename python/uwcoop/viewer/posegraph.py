@@ -55,9 +55,9 @@ def send(recording: Any, stage: Stage, tracks: xr.Dataset, packets: Packets) -> 
         places = _where(stage, tracks, link.navigator, link.sender, link.launch_s)
         heard = link.heard & np.isfinite(places).all(1)
         colour = rgb(link.sender)
-        _points(recording, f"{root}/nodes", link.arrival_s[heard], places[heard], colour, 4.5)
+        _points(recording, f"{root}/nodes", link.arrival_s[heard], places[heard], colour, 3.5)
         lost = ~link.heard & np.isfinite(places).all(1)
-        _points(recording, f"{root}/lost", link.arrival_s[lost], places[lost], COLOURS[LOST], 3.0)
+        _points(recording, f"{root}/lost", link.arrival_s[lost], places[lost], COLOURS[LOST], 5.0)
         if heard.sum() > 1:
             chain = np.stack([places[heard][:-1], places[heard][1:]], axis=1)
             _strips(recording, f"{root}/edges", link.arrival_s[heard][1:], chain, colour, 1.0)
