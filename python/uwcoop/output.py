@@ -65,9 +65,9 @@ def write_run(
         folder: made if it does not exist; files of an earlier run in it are replaced.
         note: called with one line for each file that could not be made, because an optional dependency is
             missing or because the mission does not hold what it shows.
-        figures: also `covariance.png`, `traffic.png` and, where information gains are recorded,
-            `information.png`; of missions with a landmark `trajectories.png`, `velocities.png`, `offsets.png` and
-            `reconstruction.png`.
+        figures: also `covariance.png`, `traffic.png`, `setup.png`, `uncertainty.png` and, where they are recorded,
+            information gains (`information.png`) and the origin state (`origin.png`); of missions with
+            a landmark `trajectories.png`, `velocities.png`, `offsets.png` and `reconstruction.png`.
 
     Returns:
         Names of the files written.
@@ -87,6 +87,9 @@ def write_run(
             "covariance.png": _write_covariance,
             "traffic.png": _write_traffic,
             "information.png": _write_information,
+            "setup.png": _write_setup,
+            "uncertainty.png": _write_uncertainty,
+            "origin.png": _write_origin,
         }
         if "role_taken" in result.log.events:
             writers |= {
@@ -125,7 +128,8 @@ def resolved_scenario(result: RunResult) -> dict[str, Any]:
 
 
 def write_study_figures(result: StudyResult, folder: Path, note: Callable[[str], None]) -> list[str]:
-    """Draw the pictures of a study that its data allow: `boxes.png`, `errors_over_time.png`, `information.png`.
+    """Draw the pictures of a study that its data allow: `boxes.png`, `bytes.png`, `errors_over_time.png`,
+    `information.png`.
 
     Args:
         result: of `uwcoop.study`.
@@ -247,6 +251,24 @@ def _write_reconstruction(result: RunResult, path: Path) -> None:
         raise TracksError("no navigator reconstructs particles in this mission")
     around = around_fixes(result.log, str(counted[0]))
     reconstruction_figure(result.log, around, str(counted[0])).savefig(path)
+
+
+def _write_setup(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.setup import setup_figure
+
+    setup_figure(result.log, result.tracks).savefig(path)
+
+
+def _write_uncertainty(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.uncertainty import uncertainty_figure
+
+    uncertainty_figure(result.tracks, result.packets).savefig(path)
+
+
+def _write_origin(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.origin import origin_figure
+
+    origin_figure(result.tracks).savefig(path)
 
 
 def _write_replay(result: RunResult, path: Path) -> None:

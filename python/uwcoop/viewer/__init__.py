@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uwcoop.errors import LogError, MissingDependencyError, UwcoopError
-from uwcoop.viewer import landmark, plots, scene, traffic
+from uwcoop.viewer import landmark, plots, posegraph, scene, traffic
 from uwcoop.viewer.layout import blueprint
 from uwcoop.viewer.stage import Stage
 
@@ -40,11 +40,13 @@ def write_replay(
     Entities (lengths in metres, z up; under `scene_depth_xK` heights are drawn K times, the data are not
     changed): `chart`, `surface`, `truth/VEHICLE/{course,trail,body}`,
     `NAVIGATOR/VEHICLE/{trail,body/{position,cloud,ellipse_95}}`, `NAVIGATOR/packets/SENDER_to_RECEIVER`
-    from launch until decoding ends; beside the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR`
-    and the text log `acoustics/NAVIGATOR`. Missions with a landmark also have the rays
-    `fixes/VEHICLE/{landmark_sees,mover_sees}`, rings `truth/VEHICLE/landmark` and the text log `events`. Timeline
-    `mission_time`: seconds since the mission's epoch. A cloud is logged where `clouds` has one and is carried
-    along with the estimate until the next.
+    from launch until decoding ends, and for navigators with a pose graph
+    `NAVIGATOR/graph/SENDER_at_RECEIVER/{nodes,edges,ranges,lost}` and `NAVIGATOR/graph/SENDER_origin`; beside
+    the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR` and the text log `acoustics/NAVIGATOR`.
+    Missions with a landmark also have the rays `fixes/VEHICLE/{landmark_sees,mover_sees}`, rings
+    `truth/VEHICLE/landmark` and the text log `events`.
+    Timeline `mission_time`: seconds since the mission's epoch. A cloud is logged where `clouds` has one and is
+    carried along with the estimate until the next.
 
     Raises:
         MissingDependencyError: without rerun.
@@ -59,12 +61,20 @@ def write_replay(
         recording = rr.RecordingStream("uwcoop")
         recording.save(
             partial,
-            default_blueprint=blueprint(stage, tracks, packets, clouds, events="role_taken" in log.events),
+            default_blueprint=blueprint(
+                stage,
+                tracks,
+                packets,
+                clouds,
+                posegraph.kept(stage, tracks, packets),
+                events="role_taken" in log.events,
+            ),
         )
         recording.send_recording_name(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}")
         scene.send(recording, stage, tracks, chart, clouds)
         traffic.send(recording, stage, packets, log)
         landmark.send(recording, stage, log)
+        posegraph.send(recording, stage, tracks, packets)
         plots.send(recording, stage, tracks)
         recording.flush()
         recording.disconnect()
