@@ -119,3 +119,34 @@ fn a_steady_state_step_allocates_nothing() {
         assert!(gated > 5 && fused > 250, "{name}: the mission has both, {gated} gated and {fused} fused");
     }
 }
+
+#[test]
+fn a_team_in_steady_state_allocates_nothing_but_its_packets() {
+    use fleet::*;
+
+    let chart = holed();
+    let mut options = team_options(3, 200);
+    options.current_difference = 0.3;
+    let mut team: Vec<_> = (0..3).map(|v| team_of(v, options.clone(), Some(chart.clone()))).collect();
+    let mut heard = 0;
+    for act in acts(3, 120) {
+        match act {
+            Act::Event(event) => {
+                let navigator = &mut team[usize::from(event.vehicle)];
+                let count = allocations(|| _ = navigator.handle(&event).unwrap());
+                assert!(count == 0 || event.t_ns <= WARM_UP * SECOND, "{event:?}");
+            }
+            Act::Launch { vehicle, tol_ns } => {
+                let bytes = team[usize::from(vehicle)].transmit(tol_ns, CAPACITY).unwrap().unwrap();
+                for event in receptions(vehicle, 3, tol_ns, &bytes) {
+                    let navigator = &mut team[usize::from(event.vehicle)];
+                    let mut outcome = Outcome::Noted;
+                    let count = allocations(|| outcome = navigator.handle(&event).unwrap());
+                    assert!(count == 0 || event.t_ns <= 2 * WARM_UP * SECOND, "{outcome:?} {event:?}");
+                    heard += u32::from(outcome == Outcome::Fused && event.t_ns > 2 * WARM_UP * SECOND);
+                }
+            }
+        }
+    }
+    assert!(heard > 30, "{heard} packets in steady state");
+}

@@ -40,7 +40,8 @@ class TeamOptions(MpfOptions):
     """Teammates whose cross-covariances are kept. Larger teams fall into groups of this size: ranges between groups are
     left out, everything else stays exact."""
     packet_least_ess_share: Annotated[float, Field(ge=0, le=0.5)] = 0.02
-    """A packet that would leave a smaller effective share of the particles has its weight quartered, six times at most."""
+    """A packet that would leave a smaller effective share of the particles has its weight quartered, at most six times.
+    """
     current_difference: Share = 1.0
     """How much of a teammate's current is its own: 1 where currents have nothing in common; below, prior and walk of the
     difference to this vehicle's own current are this share of the drift's."""

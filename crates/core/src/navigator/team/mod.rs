@@ -19,11 +19,12 @@ use serde::{Deserialize, Serialize};
 
 use super::common::{Drift, check_event, load, save, seconds};
 use super::mpf::{Mpf, MpfOptions, State as MpfState};
-use super::{Estimate, Navigator, Outcome, Particles};
+use super::{Estimate, Navigator, Outcome, Particles, Status};
 use crate::chart::Chart;
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::particles::liu_west_bandwidth;
+use crate::kernels::weights::weighted_mean;
 use crate::noise::Purpose;
 use crate::packet::{SEAL_BYTES, TEAM_MAX, TeamLayout, TeamReport};
 use book::Book;
@@ -277,6 +278,10 @@ impl<const K: usize> Team<K> {
             return;
         }
         let stream = core.next_stream(Purpose::Resample);
+        let terrain = self.mpf.chart.is_some() && core.status != Status::OffChart;
+        let unseen = !terrain && self.state.groups.iter().any(|g| !g.members.is_empty());
+        let kept = unseen.then(|| self.means());
+        let core = &mut self.mpf.state.core;
         core.cloud.resample(&stream);
         let ancestors = core.cloud.ancestors();
         let [column, _] = &mut self.scratch.innovation;
@@ -297,7 +302,33 @@ impl<const K: usize> Team<K> {
         self.jitter_groups(&stream);
         self.remember_own();
         self.mpf.state.core.cloud.liu_west(&stream);
+        if let Some(kept) = kept {
+            self.keep_means(&kept);
+        }
         self.move_launch();
+    }
+
+    /// Weighted mean of every column: own states, then the teammates'.
+    fn means(&self) -> Vec<f64> {
+        let (cloud, n) = (&self.mpf.state.core.cloud, self.options.core.particles);
+        let own = [&cloud.east, &cloud.north, &cloud.offset].into_iter().chain(&cloud.linear);
+        let own = own.map(Vec::as_slice);
+        let mates = self.state.groups.iter().flat_map(|g| g.mean.chunks(n));
+        own.chain(mates).map(|column| weighted_mean(cloud.weights(), column)).collect()
+    }
+
+    /// Takes what chance did to the means in resampling back. Where no terrain holds the team in place, such errors would
+    /// add up to metres: ranges do not see where all of it went.
+    fn keep_means(&mut self, kept: &[f64]) {
+        let now = self.means();
+        let n = self.options.core.particles;
+        let cloud = &mut self.mpf.state.core.cloud;
+        let own = [&mut cloud.east, &mut cloud.north, &mut cloud.offset].into_iter().chain(&mut cloud.linear);
+        let own = own.map(Vec::as_mut_slice);
+        let mates = self.state.groups.iter_mut().flat_map(|g| g.mean.chunks_mut(n));
+        for ((column, kept), now) in own.chain(mates).zip(kept).zip(&now) {
+            column.iter_mut().for_each(|x| *x += kept - now);
+        }
     }
 
     /// The teammates' part of the joint jitter: the own part takes the same normals afterwards.
