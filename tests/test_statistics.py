@@ -97,3 +97,45 @@ def test_a_fused_belief_is_not_news() -> None:
     assert pooled["dmpf"]["anees_median"] > 20
     assert pooled["mpf"]["lost_share"] <= 0.03
     assert pooled["mpf"]["anees_median"] <= 2.6
+
+
+NOTHING_TO_SEE = (
+    "chart.relief=0.001",
+    "duration_s=400",
+    "navigator.all.sigma_current0_mps=0.0",
+    "navigator.all.particles=300",
+)
+
+
+def test_ranges_over_a_bottom_that_tells_nothing_make_nobody_certain() -> None:
+    """What is heard again is not news: the team stays as uncertain as dead reckoning, which is exact here."""
+    names = ("dead-reckoning", "mpf")
+    _, _, rows = runs("st-john-drift", names, SEEDS, NOTHING_TO_SEE)
+    pooled = metrics.pool(rows)
+    for figure in ("anees", "anees_median"):
+        assert 0.7 < pooled["mpf"][figure] / pooled["dead-reckoning"][figure] < 1.4
+    assert pooled["mpf"]["median_rmse_m"] < 1.2 * pooled["dead-reckoning"]["median_rmse_m"]
+    alike = ("navigator.mpf.range_news=false", "navigator.mpf.range_temper=0.5")
+    _, _, rows = runs("st-john-drift", ("mpf",), 10, (*NOTHING_TO_SEE, *alike))
+    assert metrics.pool(rows)["mpf"]["anees_median"] > 50
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("name", ["charles-river", "st-john-field", "st-john-field-3"])
+def test_in_the_papers_field_missions_ranges_help_terrain_and_terrain_dead_reckoning(name: str) -> None:
+    """Tan, Chitre & Hover (2016), Figs. 14, 17 and 19."""
+    _, _, rows = runs(name, ("dead-reckoning", "terrain-only", "dmpf"), 20)
+    pooled = metrics.pool(rows)
+    for figure in ("median_final_error_m", "median_rmse_m"):
+        reckoned, terrain, ranged = (pooled[n][figure] for n in ("dead-reckoning", "terrain-only", "dmpf"))
+        assert ranged < terrain < reckoned
+
+
+@pytest.mark.long
+def test_a_third_vehicle_helps_the_other_two() -> None:
+    """Tan, Chitre & Hover (2016), Fig. 19 against Fig. 17."""
+    two, _, _ = runs("st-john-field", ("dmpf",), 20)
+    three, _, _ = runs("st-john-field-3", ("dmpf",), 20)
+    rms = [np.sqrt(np.nanmean(e[0, :, 50:] ** 2, axis=1)) for e in (two, three)]
+    shared = [k for k in range(rms[1].size) if k % 3 < 2]  # AUV and ASV of every mission
+    assert np.median(rms[1][shared]) < np.median(rms[0])
