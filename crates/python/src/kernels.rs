@@ -234,8 +234,8 @@ fn pattern_depths<'py>(
     if depths.shape() != [points, n] {
         return Err(argument(format!("out has shape {:?}, not ({points}, {n})", depths.shape())));
     }
-    let depths =
-        depths.as_slice_mut().map_err(|_| argument("out is not a C-contiguous array".to_string()))?;
+    let contiguous = depths.is_c_contiguous().then(|| depths.as_slice_mut().ok()).flatten();
+    let depths = contiguous.ok_or_else(|| argument("out is not a C-contiguous array".to_string()))?;
     let grid = chart.inner.grid();
     let mut pattern = Pattern::default();
     pattern.set(&grid, oe.iter().zip(&on).map(|(e, n)| [*e, *n]));
@@ -253,15 +253,8 @@ fn pattern_depths<'py>(
                 (*e, *n) = (positions[[start + i, 0]], positions[[start + i, 1]]);
             }
         }
-        let sink = |first: usize, count: usize, k: usize, found: &[f32; lookup::LANES]| {
-            let at = k * n + start + first;
-            if let Some(whole) = depths[at..at + count].first_chunk_mut() {
-                *whole = *found;
-            } else {
-                depths[at..at + count].copy_from_slice(&found[..count]);
-            }
-        };
-        if !lookup::pattern_depths(&grid, &pattern, &east[..here], &north[..here], sink) {
+        let (e, n_) = (&east[..here], &north[..here]);
+        if !lookup::pattern_rows(&grid, &pattern, e, n_, depths, n, start) {
             return Err(argument(
                 "positions_m plus offsets_m leave the chart or come within two cells of its edge".into(),
             ));
