@@ -107,6 +107,28 @@ def test_resampling_keeps_what_is_due(log_weights: Any, seed: int) -> None:
     np.testing.assert_array_equal(np.bincount(ancestors, minlength=len(weights)), counts)
 
 
+@pytest.mark.parametrize("count", [1, 37, 1024, 2600])
+def test_pattern_depths_meet_single_lookups_and_need_no_memory(count: int) -> None:
+    rng = np.random.default_rng(4)
+    chart = _native.Chart(rng.normal(20, 3, (60, 80)).astype(np.float32), -100.0, 50.0, 2.5, 0.0, 0.0, 0.0)
+    positions, offsets = rng.uniform((-70, 80), (65, 165), (count, 2)), rng.uniform(-20, 20, (19, 2))
+    out = np.full((19, count), np.nan, np.float32)
+    found = kernels.pattern_depths(chart, positions, offsets, out)
+    assert found is out
+    for row, offset in zip(out, offsets, strict=True):
+        np.testing.assert_allclose(row, chart.depth_at(positions + offset), atol=3e-4)
+    np.testing.assert_array_equal(kernels.pattern_depths(chart, np.asfortranarray(positions), offsets), out)
+    with pytest.raises(ValueError, match="out has shape"):
+        kernels.pattern_depths(chart, positions, offsets, np.zeros((18, count), np.float32))
+    with pytest.raises(ValueError, match="C-contiguous"):
+        kernels.pattern_depths(chart, positions, offsets, np.zeros((38, count), np.float32)[::2])
+    if count > 1:
+        with pytest.raises(ValueError, match="C-contiguous"):
+            kernels.pattern_depths(chart, positions, offsets, np.asfortranarray(out))
+    with pytest.raises(ValueError, match="leave the chart"):
+        kernels.pattern_depths(chart, positions + 200, offsets)
+
+
 def test_bad_arguments_name_the_quantity() -> None:
     two = np.zeros((5, 2))
     for call, words in (

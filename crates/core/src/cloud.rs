@@ -123,12 +123,10 @@ impl<const K: usize> Cloud<K> {
         propagate_drawn(step, stream, &mut self.east, &mut self.north, &mut self.linear);
     }
 
-    /// Positions and a zeroed scratch column for log-likelihoods, to be handed to [`Cloud::reweight`].
+    /// A scratch column for log-likelihoods, with whatever is in it, to be handed to [`Cloud::reweight`].
     pub fn likelihood_column(&mut self) -> Vec<f64> {
         self.scratch.fit(self.east.len());
-        let mut column = std::mem::take(&mut self.scratch.column);
-        column.fill(0.0);
-        column
+        std::mem::take(&mut self.scratch.column)
     }
 
     /// Effective sample size that [`Cloud::reweight`] would leave; 0 if it would refuse.
@@ -151,10 +149,7 @@ impl<const K: usize> Cloud<K> {
         if !added.iter().any(|l| l.is_finite()) {
             return false;
         }
-        for (l, w) in added.iter_mut().zip(&self.log_weights) {
-            *l += w;
-        }
-        match weights::normalise(added, &mut self.weights) {
+        match weights::update(&self.log_weights, added, &mut self.weights) {
             Some((_, squares)) => {
                 std::mem::swap(added, &mut self.log_weights);
                 self.ess = 1.0 / squares;
@@ -218,7 +213,8 @@ impl<const K: usize> Cloud<K> {
         self.scratch.fit(n);
         let s = &mut self.scratch;
         let left = weights::residual_copies(&self.weights, &mut s.cdf, &mut s.counts);
-        stream.uniforms(0, &mut s.a[..left]);
+        // In order, so that what they select is walked through and not jumped about in.
+        stream.sorted_uniforms(0, &mut s.a[..left]);
         weights::residual_draw(&s.a[..left], &s.cdf, &mut s.counts, &mut s.ancestors);
         for column in [&mut self.east, &mut self.north, &mut self.offset, &mut self.offset_variance]
             .into_iter()

@@ -68,6 +68,11 @@ impl Stream {
     pub fn uniforms(&self, lane: u32, out: &mut [f64]) {
         draws::uniforms(self, lane, out);
     }
+
+    /// As many uniforms in (0, 1) in ascending order; how many are asked for changes all of them.
+    pub fn sorted_uniforms(&self, lane: u32, out: &mut [f64]) {
+        draws::sorted_uniforms(self, lane, out);
+    }
 }
 
 #[cfg(test)]
@@ -101,6 +106,35 @@ mod tests {
         }
         let chi2: f64 = bins.iter().map(|c| (c - 2000.0).powi(2) / 2000.0).sum();
         assert!(chi2 < 95.0, "chi² of 49 degrees of freedom is {chi2}");
+    }
+
+    #[test]
+    fn sorted_uniforms_are_order_statistics() {
+        // One draw of many: Kolmogorov–Smirnov at 0.1 %.
+        let mut u = vec![0.0; 100_000];
+        Streams::new(1, 0).at(Purpose::Resample, 0).sorted_uniforms(0, &mut u);
+        assert!(u.windows(2).all(|p| p[0] <= p[1]) && u[0] > 0.0 && u[99_999] < 1.0);
+        let furthest =
+            u.iter().enumerate().map(|(i, u)| (u - (i as f64 + 0.5) / 1e5).abs()).fold(0.0, f64::max);
+        assert!(furthest < 1.95 / 1e5f64.sqrt(), "{furthest}");
+        // Many draws of a few, across block borders: Beta(k, R + 1 − k).
+        for r in [1usize, 3, 63, 64, 65] {
+            let (runs, mut u) = (4000, vec![0.0; r]);
+            let mut moments = vec![[0.0; 2]; r];
+            for run in 0..runs {
+                Streams::new(2, 0).at(Purpose::Resample, run).sorted_uniforms(0, &mut u);
+                for (m, u) in moments.iter_mut().zip(&u) {
+                    *m = [m[0] + u / f64::from(runs), m[1] + u * u / f64::from(runs)];
+                }
+            }
+            for (k, [mean, square]) in moments.iter().enumerate() {
+                let (a, all) = (k as f64 + 1.0, r as f64 + 1.0);
+                let variance = a * (all - a) / (all * all * (all + 1.0));
+                let sigmas = (mean - a / all) / (variance / f64::from(runs)).sqrt();
+                assert!(sigmas.abs() < 4.5, "{k} of {r}: mean {mean}");
+                assert!(((square - mean * mean) / variance - 1.0).abs() < 0.15, "{k} of {r}: variance");
+            }
+        }
     }
 
     #[test]

@@ -209,31 +209,58 @@ fn terrain_log_likelihood<'py>(
     Ok(out.into_pyarray(py))
 }
 
+/// Particles whose columns are unpacked at a time: they stay in the nearest cache.
+const UNPACKED: usize = 1024;
+
 /// Depths of (N, 2) positions plus each of (L, 2) offsets on the navigators' float32 path, (L, N) float32; a pattern that
-/// comes within two cells of the chart's edge is refused.
+/// comes within two cells of the chart's edge is refused. With `out`, a C-contiguous (L, N) array, nothing is allocated
+/// and `out` is returned; what it holds after an error is not defined.
 #[pyfunction]
+#[pyo3(signature = (chart, positions_m, offsets_m, out = None))]
 fn pattern_depths<'py>(
     py: Python<'py>,
     chart: &Chart,
     positions_m: Points<'py>,
     offsets_m: Points<'py>,
+    out: Option<Bound<'py, PyArray2<f32>>>,
 ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-    let [e, n] = columns(&positions_m, "positions_m")?;
+    if positions_m.shape()[1] != 2 {
+        return Err(argument(format!("positions_m has shape {:?}, not (N, 2)", positions_m.shape())));
+    }
     let [oe, on] = columns(&offsets_m, "offsets_m")?;
+    let (points, n) = (oe.len(), positions_m.shape()[0]);
+    let out = out.unwrap_or_else(|| PyArray2::zeros(py, [points, n], false));
+    let mut depths = out.try_readwrite().map_err(|e| argument(format!("out cannot be written: {e}")))?;
+    if depths.shape() != [points, n] {
+        return Err(argument(format!("out has shape {:?}, not ({points}, {n})", depths.shape())));
+    }
+    let contiguous = depths.is_c_contiguous().then(|| depths.as_slice_mut().ok()).flatten();
+    let depths = contiguous.ok_or_else(|| argument("out is not a C-contiguous array".to_string()))?;
     let grid = chart.inner.grid();
     let mut pattern = Pattern::default();
     pattern.set(&grid, oe.iter().zip(&on).map(|(e, n)| [*e, *n]));
-    let mut out = vec![0.0f32; e.len() * oe.len()];
-    let inside = lookup::pattern_depths(&grid, &pattern, &e, &n, |first, count, k, depths| {
-        let at = k * e.len() + first;
-        out[at..at + count].copy_from_slice(&depths[..count]);
-    });
-    if !inside {
-        return Err(argument(
-            "positions_m plus offsets_m leave the chart or come within two cells of its edge".into(),
-        ));
+    let (mut east, mut north) = ([0.0; UNPACKED], [0.0; UNPACKED]);
+    let positions = positions_m.as_array();
+    for start in (0..n).step_by(UNPACKED) {
+        let here = UNPACKED.min(n - start);
+        if let Some(flat) = positions.as_slice() {
+            let pairs = flat[2 * start..2 * (start + here)].as_chunks::<2>().0;
+            for ((e, n), p) in east.iter_mut().zip(&mut north).zip(pairs) {
+                (*e, *n) = (p[0], p[1]);
+            }
+        } else {
+            for (i, (e, n)) in east.iter_mut().zip(&mut north).take(here).enumerate() {
+                (*e, *n) = (positions[[start + i, 0]], positions[[start + i, 1]]);
+            }
+        }
+        let (e, n_) = (&east[..here], &north[..here]);
+        if !lookup::pattern_rows(&grid, &pattern, e, n_, depths, n, start) {
+            return Err(argument(
+                "positions_m plus offsets_m leave the chart or come within two cells of its edge".into(),
+            ));
+        }
     }
-    out.into_pyarray(py).reshape([oe.len(), e.len()])
+    Ok(out)
 }
 
 /// What `offset_update` returns, each (N,).

@@ -49,15 +49,22 @@ fn to_f64(word: u32) -> f64 {
     f64::from_bits(0x4330_0000_0000_0000 | u64::from(word)) - TWO_52
 }
 
+/// A standard exponential, −ln of a uniform in (0, 1).
+#[inline(always)]
+fn exponential(word: u32) -> f32 {
+    const PER_31_BITS: f32 = 1.0 / 2_147_483_648.0;
+    const BELOW_ONE: f32 = 1.0 - f32::EPSILON / 2.0;
+    let u = (word >> 1) as i32 as f32 * PER_31_BITS + 0.5 * PER_31_BITS;
+    -ln_f32(if u < BELOW_ONE { u } else { BELOW_ONE })
+}
+
 /// Box–Muller on two words: 32 bits reach 6.6 σ, far past what a cloud of particles resolves.
 ///
 /// In f32: a normal's relative error of 3e-7 is nothing beside the noise that it stands for, and twice as many fit in a
 /// vector.
 #[inline(always)]
 fn box_muller(first: u32, second: u32) -> (f32, f32) {
-    const HALF_ULP: f32 = 0.5 / 2_147_483_648.0;
-    const PER_31_BITS: f32 = 1.0 / 2_147_483_648.0;
-    let radius = (-2.0 * ln_f32((first >> 1) as i32 as f32 * PER_31_BITS + HALF_ULP)).sqrt();
+    let radius = (2.0 * exponential(first)).sqrt();
     let (c, s) = cos_sin_word(second);
     (radius * c, radius * s)
 }
@@ -103,6 +110,45 @@ dispatch! {
             }
             out.copy_from_slice(&u[..out.len()]);
         }
+    }
+}
+
+dispatch! {
+    /// Fills `out` with as many uniforms in (0, 1), ascending: the sums of exponential spacings over the sum with one more.
+    pub fn sorted_uniforms(stream: &Stream, lane: u32, out: &mut [f64]) {
+        const GROUP: usize = 8;
+        const WORDS: usize = 4 * LANES;
+        let n = out.len();
+        let (mut carry, mut all) = (0.0, 1.0);
+        for block in 0..=n / WORDS {
+            let x = philox(stream, lane, (block * LANES) as u32);
+            let mut sums = [0.0; WORDS];
+            for w in 0..4 {
+                for l in 0..LANES {
+                    sums[w * LANES + l] = f64::from(exponential(x[w][l] as u32));
+                }
+            }
+            // Sums begin anew in each group, so that only one addition in eight waits for the one before.
+            for group in sums.as_chunks_mut::<GROUP>().0 {
+                for l in 1..GROUP {
+                    group[l] += group[l - 1];
+                }
+                let before = carry;
+                carry += group[GROUP - 1];
+                for sum in group {
+                    *sum += before;
+                }
+            }
+            let first = block * WORDS;
+            if let Some(out) = out.get_mut(first..first + WORDS) {
+                out.copy_from_slice(&sums);
+            } else {
+                out[first..].copy_from_slice(&sums[..n - first]);
+                all = sums[n - first];
+            }
+        }
+        let scale = 1.0 / all;
+        out.iter_mut().for_each(|x| *x *= scale);
     }
 }
 

@@ -403,6 +403,48 @@ pub fn pattern_depths(
     pattern_blocks(grid, pattern, east_m, north_m, EachPoint(sink))
 }
 
+/// Depths of every pattern point of every particle, one row of `stride` for each point, from `first` of each row on.
+///
+/// Returns false, and writes nothing, where the pattern does not fit ([`Pattern::fits`]) or `out` is too short.
+pub fn pattern_rows(
+    grid: &Grid<'_, f32>,
+    pattern: &Pattern,
+    east_m: &[f64],
+    north_m: &[f64],
+    out: &mut [f32],
+    stride: usize,
+    first: usize,
+) -> bool {
+    let n = east_m.len().min(north_m.len());
+    first + n <= stride
+        && out.len() >= pattern.len() * stride
+        && pattern_blocks(grid, pattern, east_m, north_m, Rows { out, stride, first })
+}
+
+struct Rows<'a> {
+    out: &'a mut [f32],
+    stride: usize,
+    first: usize,
+}
+
+impl Block for Rows<'_> {
+    #[inline(always)]
+    fn take(&mut self, first: usize, count: usize, k: usize, depths: &[[f32; LANES]]) {
+        let rows = self.out[k * self.stride..].chunks_mut(self.stride);
+        let at = self.first + first;
+        for (row, depths) in rows.zip(depths) {
+            if let Some(whole) = row.get_mut(at..at + count).and_then(|r| r.first_chunk_mut::<LANES>()) {
+                *whole = *depths;
+            } else {
+                row[at..at + count].copy_from_slice(&depths[..count]);
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn finish(&mut self, _: usize, _: usize) {}
+}
+
 /// As [`pattern_depths`], block by block.
 pub fn pattern_blocks(
     grid: &Grid<'_, f32>,

@@ -28,6 +28,9 @@ fn everything(n: usize) -> Vec<(&'static str, Vec<u64>)> {
     let mut u = vec![0.0; n];
     Streams::new(3, 1).at(Purpose::Resample, 2).uniforms(0, &mut u);
     all.push(("uniforms", bits(&u)));
+    let mut sorted = vec![0.0; n];
+    stream(7).sorted_uniforms(1, &mut sorted);
+    all.push(("sorted uniforms", bits(&sorted)));
 
     let [mut east, mut north] = normals(2).map(|c| c.iter().map(|x| 60.0 + 5.0 * x).collect::<Vec<_>>());
     let mut p = Matrix2::new(0.09, 0.01, 0.01, 0.08);

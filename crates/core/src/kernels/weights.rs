@@ -16,8 +16,6 @@ dispatch! {
     ///
     /// If no log-weight is finite, nothing changes and `None` is returned. A NaN counts as −∞.
     pub fn normalise(log_weights: &mut [f64], weights: &mut [f64]) -> Option<(f64, f64)> {
-        let n = log_weights.len().min(weights.len());
-        let (log_weights, weights) = (&mut log_weights[..n], &mut weights[..n]);
         let mut max = [f64::NEG_INFINITY; LANES];
         let (whole, rest) = log_weights.as_chunks::<LANES>();
         for x in whole {
@@ -28,27 +26,72 @@ dispatch! {
         for (m, &x) in max.iter_mut().zip(rest) {
             *m = if x > *m { x } else { *m };
         }
-        let top = max.iter().fold(f64::NEG_INFINITY, |a, &b| if b > a { b } else { a });
-        if !top.is_finite() {
-            return None;
+        exponentiate(max, log_weights, weights)
+    }
+}
+
+dispatch! {
+    /// Adds `prior` to `log_weights` and does as [`normalise`]; without a finite sum, `log_weights` end as the sums.
+    pub fn update(prior: &[f64], log_weights: &mut [f64], weights: &mut [f64]) -> Option<(f64, f64)> {
+        let n = prior.len().min(log_weights.len());
+        let mut max = [f64::NEG_INFINITY; LANES];
+        let (whole, rest) = log_weights[..n].as_chunks_mut::<LANES>();
+        let (prior, prior_rest) = prior[..n].as_chunks::<LANES>();
+        for (x, p) in whole.iter_mut().zip(prior) {
+            for l in 0..LANES {
+                x[l] += p[l];
+                max[l] = if x[l] > max[l] { x[l] } else { max[l] };
+            }
         }
-        // Maps first and sums after: each loop vectorises alone.
-        for (w, &x) in weights.iter_mut().zip(&*log_weights) {
+        for ((m, x), p) in max.iter_mut().zip(rest).zip(prior_rest) {
+            *x += p;
+            *m = if *x > *m { *x } else { *m };
+        }
+        exponentiate(max, &mut log_weights[..n], weights)
+    }
+}
+
+/// The rest of [`normalise`], from the greatest log-weight of each lane on.
+#[inline(always)]
+fn exponentiate(max: [f64; LANES], log_weights: &mut [f64], weights: &mut [f64]) -> Option<(f64, f64)> {
+    /// Weights that are summed while they are in the nearest cache. Maps and sums are loops of their own: only so does
+    /// each vectorise.
+    const PART: usize = 32 * LANES;
+    let n = log_weights.len().min(weights.len());
+    let (log_weights, weights) = (&mut log_weights[..n], &mut weights[..n]);
+    let top = max.iter().fold(f64::NEG_INFINITY, |a, &b| if b > a { b } else { a });
+    if !top.is_finite() {
+        return None;
+    }
+    let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
+    for (weights, logs) in weights.chunks_mut(PART).zip(log_weights.chunks(PART)) {
+        for (w, &x) in weights.iter_mut().zip(logs) {
             let shifted = x - top;
             let value = exp(shifted);
             // NaN fails the comparison as well and gets no weight.
             *w = if shifted > -700.0 { value } else { 0.0 };
         }
-        let total = chunk_sum(weights, |w| w);
-        let inverse = 1.0 / total;
-        let log_total = top + total.ln();
-        for (w, x) in weights.iter_mut().zip(&mut *log_weights) {
-            *w *= inverse;
-            let log_weight = *x - log_total;
-            *x = if log_weight > -1e300 { log_weight } else { -1e300 };
+        let (whole, rest) = weights.as_chunks::<LANES>();
+        for w in whole {
+            for l in 0..LANES {
+                sums[l] += w[l];
+                squares[l] += w[l] * w[l];
+            }
         }
-        Some((log_total, chunk_sum(weights, |w| w * w)))
+        for ((sum, square), w) in sums.iter_mut().zip(&mut squares).zip(rest) {
+            *sum += w;
+            *square += w * w;
+        }
     }
+    let total = lane_sum(sums);
+    let inverse = 1.0 / total;
+    let log_total = top + total.ln();
+    for (w, x) in weights.iter_mut().zip(&mut *log_weights) {
+        *w *= inverse;
+        let log_weight = *x - log_total;
+        *x = if log_weight > -1e300 { log_weight } else { -1e300 };
+    }
+    Some((log_total, lane_sum(squares) * inverse * inverse))
 }
 
 dispatch! {
@@ -70,22 +113,6 @@ dispatch! {
         }
         (top.into_iter().fold(f64::NEG_INFINITY, f64::max), lane_sum(share))
     }
-}
-
-/// Σ f(x) in eight interleaved lanes.
-#[inline(always)]
-fn chunk_sum(values: &[f64], f: impl Fn(f64) -> f64) -> f64 {
-    let (whole, rest) = values.as_chunks::<LANES>();
-    let mut sums = [0.0; LANES];
-    for x in whole {
-        for l in 0..LANES {
-            sums[l] += f(x[l]);
-        }
-    }
-    for (s, x) in sums.iter_mut().zip(rest) {
-        *s += f(*x);
-    }
-    lane_sum(sums)
 }
 
 dispatch! {

@@ -99,6 +99,7 @@ impl<const K: usize> ParticleCore<K> {
         }
         let prior_nat = options.entropy_sigma_m.map(|sigma_m| self.entropy(sigma_m));
         let mut column = self.cloud.likelihood_column();
+        column.fill(0.0);
         match (options.method, &heard.said) {
             (RangeMethod::Gaussian { temper }, Said::Mixture(modes)) => {
                 let modes: Vec<(f64, RangeBelief)> = modes
