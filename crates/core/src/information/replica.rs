@@ -11,6 +11,9 @@ use crate::error::Error;
 
 /// Nodes that a server or a client keeps at most: the origin and the newest ones.
 pub const NODES_MAX: usize = 64;
+/// What rounding leaves of correlations: in float64, and in eight bits.
+const EXACT_SHARE: f64 = 1e-6;
+const ROUNDED_SHARE: f64 = 0.03;
 
 /// What a packet says of its newest node and the origin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -220,7 +223,8 @@ impl Replica {
         let (Some(later), Some(earlier)) = (cross, self.cross_of_newest(packet.origin)) else {
             return Ok(None);
         };
-        let Ok(transition) = filtered_error_transition(&newest.filtered, &earlier, &later) else {
+        let Ok(transition) = filtered_error_transition(&newest.filtered, &earlier, &later, self.left_share())
+        else {
             return Ok(None);
         };
         let step = filtered_error_step(&newest.filtered, &packet.node.filtered, &transition)?;
@@ -365,10 +369,16 @@ impl Replica {
                     return own;
                 }
                 let cross = self.memories[k].cross.filter(|_| k > place)?;
-                let transition = filtered_error_transition(&node.filtered, &anchored?, &cross).ok()?;
+                let transition =
+                    filtered_error_transition(&node.filtered, &anchored?, &cross, self.left_share()).ok()?;
                 Some(transition * own?)
             })
             .collect()
+    }
+
+    /// Below this share of the largest, a direction's correlation with the origin is rounding.
+    fn left_share(&self) -> f64 {
+        if self.scaled { ROUNDED_SHARE } else { EXACT_SHARE }
     }
 
     /// What a node's correlation with itself is: its covariance, or the factor of it.
