@@ -204,7 +204,7 @@ impl Replica {
             exact,
         };
         if methods.joint
-            && let Some(step) = self.exact_step(packet, joint.as_ref())?
+            && let Some(step) = self.exact_step(packet, joint.as_ref(), methods.equation_6)?
         {
             return Ok(Some(plan(Method::ExactJoint, step, true)));
         }
@@ -316,6 +316,7 @@ impl Replica {
         &self,
         packet: &GraphPacket,
         joint: Option<&Information<8>>,
+        by_origin: bool,
     ) -> Result<Option<Step>, Error> {
         let Some(newest) = self.chain.newest() else { return Ok(None) };
         let of_joint = |joint: &Information<8>| {
@@ -329,7 +330,13 @@ impl Replica {
             None => {}
         }
         match joint {
-            Some(joint) if packet.origin == newest.id => of_joint(joint).map(Some),
+            // An origin among the last transmissions is not told twice; an older one is where equation (6) is 0/0.
+            Some(joint)
+                if packet.origin == newest.id
+                    && (by_origin || packet.node.id - newest.id <= packet.lags.len() as u64 + 1) =>
+            {
+                of_joint(joint).map(Some)
+            }
             _ => Ok(None),
         }
     }
