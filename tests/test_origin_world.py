@@ -22,7 +22,7 @@ def test_a_ship_adrift_is_pushed_as_stated_and_stays_around() -> None:
         position = team_motion(world, None, seed)[0].position_m
         velocity = np.diff(position, axis=0)
         pushes.append(np.diff(velocity, axis=0))
-        places.append(position[4000:] - (300.0, 0.0))
+        places.append(position[4000:] - (300.0, 120.0))
     # White acceleration of 1e-4 m²/s³ changes the velocity by 0.01 m/s in a second.
     np.testing.assert_allclose(np.std(pushes), 0.01, rtol=0.02)
     np.testing.assert_allclose(np.std(places), 120.0, rtol=0.4)
