@@ -267,3 +267,17 @@ def reconstruct_graph(
     equation_6: bool = True,
     loss_max: float = 1e-4,
 ) -> dict[str, Any]: ...
+def encode_graph(
+    mean: _F8,
+    covariance: _F8,
+    origin_covariance: _F8 | None = None,
+    transition: _F8 | None = None,
+    *,
+    packet: str,
+    sequence: int,
+    origin: int,
+    depth_m: float,
+    sender: int,
+    tol_ns: int,
+) -> bytes: ...
+def decode_graph(bytes: bytes, *, packet: str, sender: int, tol_ns: int) -> dict[str, Any]: ...

@@ -157,7 +157,7 @@ pub fn filtered_error_transition(
 
 /// A symmetric matrix without its negative part, if that is little against `scale` (rounded packets may
 /// correlate a little too much); `None` if it is more.
-fn positive_part(matrix: &NodeMatrix, scale: &NodeMatrix) -> Option<NodeMatrix> {
+pub(super) fn positive_part(matrix: &NodeMatrix, scale: &NodeMatrix) -> Option<NodeMatrix> {
     const ROUNDING: f64 = 0.05;
     let root = symmetrized(scale).cholesky()?.l();
     let back = root.try_inverse()?;

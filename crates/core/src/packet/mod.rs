@@ -35,7 +35,7 @@ mod cloud;
 mod error;
 mod field;
 pub mod graph;
-mod graph_rounded;
+pub mod graph_rounded;
 mod header;
 mod mixture;
 #[cfg(test)]
