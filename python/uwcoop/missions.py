@@ -28,7 +28,8 @@ def open_mission(
     chart: Chart | str | Path | None = None,
     overrides: Sequence[str] = (),
 ) -> MissionLog:
-    """A log as it is, from its file (`.mcap`), or simulated from a scenario or the name or path of one.
+    """A log as it is, from its file (`.mcap`), a recording (`uwcoop.recordings`), or simulated from a scenario or the
+    name or path of one.
 
     Args:
         mission: see above.
@@ -36,7 +37,7 @@ def open_mission(
         chart: a scenario gets it instead of its own. A log's must be this one; a log without a chart gets it,
             around the log's own origin if it is read from a file.
         overrides: "dotted.key=value" each. A log has happened: only `navigator.*` can be changed in it, and
-            `chart.*` says how to read the chart file that is given.
+            `chart.*` says how to read the chart file that is given, `recording.*` how to read a recording.
 
     Raises:
         ScenarioError, LogError, ChartError: one line that says what is wrong.
@@ -48,6 +49,12 @@ def open_mission(
         from uwcoop.missionlog.mcap import load_log
 
         return _told(load_log(mission), chart, overrides)
+    from uwcoop.recordings import SUFFIXES, open_recording
+
+    if isinstance(mission, str | Path) and Path(mission).suffix in SUFFIXES:
+        reading = [override for override in overrides if _table_of(override) == "recording"]
+        others = [override for override in overrides if _table_of(override) != "recording"]
+        return _told(open_recording(mission, reading), chart, others)
     from uwcoop.simulate import simulate
 
     if isinstance(chart, str | Path):
@@ -76,10 +83,7 @@ def load_scenario(
 
 def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence[str]) -> MissionLog:
     """The log with its chart checked or added, and with navigators' options changed."""
-    tables = {
-        override: override.split(".")[0].strip() if "." in override.partition("=")[0] else ""
-        for override in overrides
-    }
+    tables = {override: _table_of(override) for override in overrides}
     possible = {"navigator", "chart"} if isinstance(chart, str | Path) else {"navigator"}
     for override, table in tables.items():
         if table not in possible:
@@ -92,6 +96,11 @@ def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence
         log = _with_chart(log, chart, reading)
     options = [override for override in overrides if tables[override] == "navigator"]
     return replace(log, scenario=scenarios.apply_overrides(log.scenario, options)) if options else log
+
+
+def _table_of(override: str) -> str:
+    """The table that an override is about; empty for a key outside of any."""
+    return override.split(".")[0].strip() if "." in override.partition("=")[0] else ""
 
 
 def _with_chart(log: MissionLog, chart: Chart | str | Path, reading: Sequence[str]) -> MissionLog:

@@ -65,8 +65,8 @@ def write_run(
         folder: made if it does not exist; files of an earlier run in it are replaced.
         note: called with one line for each file that could not be made, because an optional dependency is
             missing or because the mission does not hold what it shows.
-        figures: also `covariance.png`, `traffic.png` and, where information gains are recorded,
-            `information.png`.
+        figures: also `covariance.png`, `traffic.png`, `setup.png`, `uncertainty.png` and, where they are recorded,
+            information gains (`information.png`) and the origin state (`origin.png`).
 
     Returns:
         Names of the files written.
@@ -86,6 +86,9 @@ def write_run(
             "covariance.png": _write_covariance,
             "traffic.png": _write_traffic,
             "information.png": _write_information,
+            "setup.png": _write_setup,
+            "uncertainty.png": _write_uncertainty,
+            "origin.png": _write_origin,
         }
     written = []
     for name, write in writers.items():
@@ -117,7 +120,8 @@ def resolved_scenario(result: RunResult) -> dict[str, Any]:
 
 
 def write_study_figures(result: StudyResult, folder: Path, note: Callable[[str], None]) -> list[str]:
-    """Draw the pictures of a study that its data allow: `boxes.png`, `errors_over_time.png`, `information.png`.
+    """Draw the pictures of a study that its data allow: `boxes.png`, `bytes.png`, `errors_over_time.png`,
+    `information.png`.
 
     Args:
         result: of `uwcoop.study`.
@@ -207,6 +211,24 @@ def _write_information(result: RunResult, path: Path) -> None:
 
     title = f"{result.tracks.attrs['mission']}, seed {result.tracks.attrs['seed']}"
     information_figure(result.tracks, title=title).savefig(path)
+
+
+def _write_setup(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.setup import setup_figure
+
+    setup_figure(result.log, result.tracks).savefig(path)
+
+
+def _write_uncertainty(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.uncertainty import uncertainty_figure
+
+    uncertainty_figure(result.tracks, result.packets).savefig(path)
+
+
+def _write_origin(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.origin import origin_figure
+
+    origin_figure(result.tracks).savefig(path)
 
 
 def _write_replay(result: RunResult, path: Path) -> None:

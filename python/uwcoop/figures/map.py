@@ -36,7 +36,7 @@ _NODES_DRAWN = 700
 
 
 def map_figure(tracks: xr.Dataset, chart: Chart | None) -> Figure:
-    """Chart (if there is one) with hillshade, true and estimated paths and 95 % covariance ellipses; metres east and north.
+    """Chart, if any, with hillshade, true and estimated paths, 95 % covariance ellipses; metres east and north.
 
     The panels share one frame, around all true paths and around the estimates as far as half the true
     paths' size outside them; an estimate further out is cut at the edge, and the panel's note says by how

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from uwcoop.errors import TracksError
 from uwcoop.figures.averages import MOST_VARIANTS, errors_over_time_figure
 from uwcoop.figures.boxes import boxes_figure
+from uwcoop.figures.bytes import bytes_figure
 from uwcoop.figures.information import information_figure
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def study_figures(
 ) -> Iterator[tuple[str, Figure | str]]:
     """File name and picture of each, or the reason why it is not drawn; made one by one as they are asked for.
 
-    `boxes.png`, `errors_over_time.png` (and `errors_over_time-2.png` … for every further four variants) and
+    `boxes.png`, `bytes.png`, `errors_over_time.png` (and `errors_over_time-2.png` … for every further four variants) and
     `information.png`. Pictures of one mission (`covariance.png`, `traffic.png`) are a run's.
 
     Args:
@@ -38,6 +39,7 @@ def study_figures(
         settle_s: errors count from here on, s.
     """
     yield "boxes.png", _or_reason(lambda: boxes_figure(rows, keys, title=title, settle_s=settle_s))
+    yield "bytes.png", _or_reason(lambda: bytes_figure(rows, keys, title=title))
     if traces is None:
         yield "errors_over_time.png", NO_TRACES
         yield "information.png", NO_TRACES

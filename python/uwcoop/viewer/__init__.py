@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uwcoop.errors import LogError, MissingDependencyError, UwcoopError
-from uwcoop.viewer import plots, scene, traffic
+from uwcoop.viewer import plots, posegraph, scene, traffic
 from uwcoop.viewer.layout import blueprint
 from uwcoop.viewer.stage import Stage
 
@@ -40,9 +40,11 @@ def write_replay(
     Entities (lengths in metres, z up; under `scene_depth_xK` heights are drawn K times, the data are not
     changed): `chart`, `surface`, `truth/VEHICLE/{course,trail,body}`,
     `NAVIGATOR/VEHICLE/{trail,body/{position,cloud,ellipse_95}}`, `NAVIGATOR/packets/SENDER_to_RECEIVER`
-    from launch until decoding ends; beside the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR`
-    and the text log `acoustics/NAVIGATOR`. Timeline `mission_time`: seconds since the mission's epoch. A
-    cloud is logged where `clouds` has one and is carried along with the estimate until the next.
+    from launch until decoding ends, and for navigators with a pose graph
+    `NAVIGATOR/graph/SENDER_at_RECEIVER/{nodes,edges,ranges,lost}` and `NAVIGATOR/graph/SENDER_origin`; beside
+    the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR` and the text log `acoustics/NAVIGATOR`.
+    Timeline `mission_time`: seconds since the mission's epoch. A cloud is logged where `clouds` has one and is
+    carried along with the estimate until the next.
 
     Raises:
         MissingDependencyError: without rerun.
@@ -55,10 +57,16 @@ def write_replay(
     try:
         stage = Stage.of(tracks, chart, log)
         recording = rr.RecordingStream("uwcoop")
-        recording.save(partial, default_blueprint=blueprint(stage, tracks, packets, clouds))
+        recording.save(
+            partial,
+            default_blueprint=blueprint(
+                stage, tracks, packets, clouds, posegraph.kept(stage, tracks, packets)
+            ),
+        )
         recording.send_recording_name(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}")
         scene.send(recording, stage, tracks, chart, clouds)
         traffic.send(recording, stage, packets, log)
+        posegraph.send(recording, stage, tracks, packets)
         plots.send(recording, stage, tracks)
         recording.flush()
         recording.disconnect()

@@ -23,13 +23,14 @@ def blueprint(
     tracks: xr.Dataset,
     packets: Mapping[str, NDArray[Any]],
     clouds: xr.Dataset | None,
+    kept: Mapping[str, list[str]],
 ) -> Any:
-    """Layout of the recording."""
+    """Layout of the recording; `kept`: by navigator, further entities of which all up to the cursor is shown."""
     import rerun.blueprint as rrb
 
     shown = _most_telling(stage, clouds, packets)
     scenes = rrb.Tabs(
-        *[_scene(stage, navigator) for navigator in stage.navigators],
+        *[_scene(stage, navigator, kept.get(navigator, [])) for navigator in stage.navigators],
         active_tab=shown,
         name="scene",
     )
@@ -74,7 +75,7 @@ def blueprint(
     )
 
 
-def _scene(stage: Stage, navigator: str) -> Any:
+def _scene(stage: Stage, navigator: str, kept: list[str]) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -100,7 +101,7 @@ def _scene(stage: Stage, navigator: str) -> Any:
         eye_controls=rrb.EyeControls3D(
             kind=rr.blueprint.Eye3DKind.Orbital, position=eye, look_target=centre, eye_up=(0.0, 0.0, 1.0)
         ),
-        overrides={path: [trail] for path in trails},
+        overrides={path: [trail] for path in [*trails, *kept]},
     )
 
 

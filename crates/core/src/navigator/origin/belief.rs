@@ -9,7 +9,8 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector4};
 use serde::{Deserialize, Serialize};
 
-use super::local::{LocalFilter, LocalOptions, Range, check_local_event, estimate, predicted};
+use super::graph::Graph;
+use super::local::{LocalOptions, Range, check_local_event};
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
@@ -43,6 +44,9 @@ pub struct BeliefOptions {
     pub packet: PacketKind,
 }
 
+/// The only vehicle of its graph.
+const ALONE: usize = 0;
+
 /// A navigator with one node, its own.
 pub struct BeliefNavigator {
     own: VehicleId,
@@ -53,10 +57,11 @@ pub struct BeliefNavigator {
 
 #[derive(Clone, Serialize, Deserialize)]
 struct Core {
-    local: LocalFilter,
+    /// Of this vehicle alone.
+    graph: Graph,
     radio: Radio,
-    /// Packets and ranges that were of no use.
-    rejected: u64,
+    /// Stamp of the last event, ns.
+    last_ns: Option<i64>,
     /// Share of the own information that the last intersection kept; NaN before.
     kept_share: f64,
 }
@@ -76,10 +81,11 @@ impl BeliefNavigator {
         let mut local = options.local;
         local.process_noise_m2_per_s3 *= options.process_noise_factor;
         local.process_noise_dvl_m2_per_s3 *= options.process_noise_factor;
+        local.validate()?;
         let core = Core {
-            local: LocalFilter::new(local)?,
+            graph: Graph::new(1, local),
             radio: Radio::new(own, vehicles, sound_speed_mps)?,
-            rejected: 0,
+            last_ns: None,
             kept_share: f64::NAN,
         };
         Ok(Self { own, options, sound_speed_mps, core })
@@ -90,7 +96,7 @@ impl BeliefNavigator {
         let Some(Heard { said: Said::Gaussian(belief), range_m }) =
             self.core.radio.receive(sender, tol_ns, toa_ns, bytes, sigma_m)
         else {
-            self.core.rejected += 1;
+            self.core.graph.reject(ALONE);
             return Outcome::Rejected;
         };
         if !self.options.ranging {
@@ -98,26 +104,23 @@ impl BeliefNavigator {
         }
         let slant_m = seconds(toa_ns.saturating_sub(tol_ns)) * self.sound_speed_mps;
         if range_m <= sigma_m {
-            self.core.rejected += 1;
+            self.core.graph.reject(ALONE);
             return Outcome::Gated;
         }
         let range = Range { range_m, sigma_m: sigma_m * slant_m / range_m };
-        self.core.local.advance(toa_ns);
+        self.core.graph.advance(ALONE, toa_ns);
         let outcome = self.fuse(&range, &node_of(&belief), toa_ns);
         if outcome == Outcome::Gated {
-            self.core.rejected += 1;
+            self.core.graph.reject(ALONE);
         }
         outcome
     }
 
     /// Fuses a range to a teammate at launch, with the own node where it was at arrival.
     fn fuse(&mut self, range: &Range, sender: &Gaussian<NODE>, toa_ns: i64) -> Outcome {
-        let (Some(node), Some(now_ns)) = (self.core.local.node, self.core.local.now_ns) else {
-            return Outcome::Gated;
-        };
-        let late_s = seconds(now_ns.saturating_sub(toa_ns));
-        let own = predicted(&node, -late_s, 0.0);
-        let (mut own, mut sender) = (own, *sender);
+        let Some(node) = self.core.graph.current(ALONE) else { return Outcome::Gated };
+        let late_s = self.core.graph.late_s(ALONE, toa_ns);
+        let (mut own, mut sender) = (self.core.graph.coast(ALONE, -late_s).applied(&node), *sender);
         if self.options.correlation == Correlation::Unknown {
             let Some(share) = best_share(&own, &sender, range) else { return Outcome::Noted };
             self.core.kept_share = share;
@@ -128,7 +131,8 @@ impl BeliefNavigator {
         let (own, sender) = (joint.push(&own), joint.push(&sender));
         let outcome = range.fuse(&mut joint, sender, own, self.options.local.gate_sigmas);
         if outcome == Outcome::Fused {
-            self.core.local.node = Some(predicted(&joint.marginal(own), late_s, 0.0));
+            let now = self.core.graph.coast(ALONE, late_s).applied(&joint.marginal(own));
+            self.core.graph.set_alone(&now);
         }
         outcome
     }
@@ -186,34 +190,31 @@ fn position(covariance: &NodeMatrix) -> Matrix2<f64> {
 
 impl Navigator for BeliefNavigator {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
-        check_local_event(event, self.own, self.core.local.now_ns)?;
+        check_local_event(event, self.own, self.core.last_ns)?;
         self.core.radio.check_sender(&event.payload)?;
+        self.core.last_ns = Some(event.t_ns);
         Ok(match &event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                let outcome = self.hear(*sender, *tol_ns, *toa_ns, bytes);
-                self.core.local.advance(event.t_ns);
-                outcome
+                self.hear(*sender, *tol_ns, *toa_ns, bytes)
             }
             payload => {
-                let outcome = self.core.local.sense(event.t_ns, payload);
-                self.core.radio.set_depth(self.core.local.sensors.depth_m());
+                let outcome = self.core.graph.sense(ALONE, event.t_ns, payload);
+                self.core.radio.set_depth(self.core.graph.depth_m(ALONE));
                 outcome
             }
         })
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        let node = self.core.local.node_at(tol_ns);
-        if node.is_none() || !self.options.talking {
+        if !self.options.talking || self.core.graph.current(ALONE).is_none() {
             return Ok(None);
         }
-        let belief = estimate(node.as_ref(), tol_ns, 0);
+        let belief = self.core.graph.estimate(ALONE, tol_ns);
         self.core.radio.broadcast(self.options.packet, &belief, tol_ns, capacity_bytes).map(Some)
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
-        let core = &self.core;
-        estimate(core.local.node_at(t_ns).as_ref(), t_ns, core.local.rejected + core.rejected)
+        self.core.graph.estimate(ALONE, t_ns)
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

@@ -127,7 +127,7 @@ impl Cekf {
         let from = usize::from(sender);
         let depth_m = core.launch_depth_m[from];
         let sound = self.options.sound_speed_mps;
-        let range = core.graph.measured((from, receiver), (tol_ns, toa_ns), depth_m, sound);
+        let range = core.graph.measured(receiver, (tol_ns, toa_ns), depth_m, sound);
         core.graph.range(node, receiver, range, toa_ns)
     }
 }
@@ -259,7 +259,7 @@ impl Received {
         let graph = &mut self.core.graphs[receiver];
         let depth_m = graph.carried_depth_m(from);
         let sound = self.options.sound_speed_mps;
-        let range = graph.measured((from, receiver), (tol_ns, toa_ns), depth_m, sound);
+        let range = graph.measured(receiver, (tol_ns, toa_ns), depth_m, sound);
         match graph.find(Node::Current(sender)) {
             Some(node) => graph.range(node, receiver, range, toa_ns),
             None => {

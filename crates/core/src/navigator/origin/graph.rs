@@ -2,9 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{FixGate, Half, LocalOptions, Range, Reading, Sensors, estimate, predicted, start};
+use super::local::{FixGate, Half, Linear, LocalOptions, Range, Reading, Sensors, estimate, start};
+use super::odometry::{Odometer, Step, drift};
 use crate::event::{Payload, VehicleId};
-use crate::information::{Joint, NodeMatrix, NodeVector, process};
+use crate::information::{Gaussian, Joint, NODE};
 use crate::navigator::common::seconds;
 use crate::navigator::{Estimate, Outcome};
 use crate::packet::Header;
@@ -18,13 +19,33 @@ pub enum Node {
     Launch(VehicleId, i64),
 }
 
+/// What a sensor event did to a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Told {
+    /// Nothing.
+    Nothing,
+    /// It was measured.
+    Linear(Linear),
+    /// It moved.
+    Moved(Step),
+}
+
 /// What a vehicle's own events come to.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct Member {
     sensors: Sensors,
+    odometer: Odometer,
     gate: FixGate,
     now_ns: Option<i64>,
     rejected: u64,
+}
+
+impl Member {
+    /// What time alone does to the node until `t_ns`.
+    fn drift(&self, t_ns: i64, options: &LocalOptions) -> Step {
+        let dt_s = seconds(t_ns.saturating_sub(self.now_ns.unwrap_or(t_ns)));
+        drift(self.odometer.moves(), dt_s, self.sensors.process_noise_m2_per_s3(options))
+    }
 }
 
 /// The joint Gaussian of all nodes.
@@ -67,10 +88,29 @@ impl Graph {
         self.members[vehicle].now_ns
     }
 
+    /// Depth of a vehicle as it knows it, m.
+    #[must_use]
+    pub fn depth_m(&self, vehicle: usize) -> f64 {
+        self.members[vehicle].sensors.depth_m()
+    }
+
     /// Depth of a vehicle as its packets carry it, m.
     #[must_use]
     pub fn carried_depth_m(&self, vehicle: usize) -> f64 {
-        Header::carried_depth_m(self.members[vehicle].sensors.depth_m())
+        Header::carried_depth_m(self.depth_m(vehicle))
+    }
+
+    /// A vehicle's current node alone.
+    #[must_use]
+    pub fn current(&self, vehicle: usize) -> Option<Gaussian<NODE>> {
+        self.find(Node::Current(vehicle as VehicleId)).map(|node| self.joint.marginal(node))
+    }
+
+    /// Puts a node in the place of the current one of a graph's only vehicle.
+    pub fn set_alone(&mut self, node: &Gaussian<NODE>) {
+        self.joint = Joint::new();
+        self.joint.push(node);
+        self.nodes = vec![Node::Current(0)];
     }
 
     /// Counts a measurement of a vehicle that cannot be used.
@@ -78,49 +118,68 @@ impl Graph {
         self.members[vehicle].rejected += 1;
     }
 
+    /// What time alone does to a vehicle's node until `t_ns`.
+    #[must_use]
+    pub fn drift(&self, vehicle: usize, t_ns: i64) -> Step {
+        self.members[vehicle].drift(t_ns, &self.options)
+    }
+
     /// Moves a vehicle's current node to `t_ns`, never back.
     pub fn advance(&mut self, vehicle: usize, t_ns: i64) {
         let node = self.find(Node::Current(vehicle as VehicleId));
         let member = &mut self.members[vehicle];
-        let now_ns = member.now_ns.unwrap_or(t_ns);
-        member.now_ns = Some(t_ns.max(now_ns));
-        if let (Some(node), true) = (node, t_ns > now_ns) {
-            let dt_s = seconds(t_ns.saturating_sub(now_ns));
-            let q = member.sensors.process_noise_m2_per_s3(&self.options);
-            let none = NodeVector::zeros();
-            self.joint.propagate(node, &process::transition(dt_s), &none, &process::noise(dt_s, q));
+        if let (Some(node), Some(now_ns)) = (node, member.now_ns)
+            && t_ns > now_ns
+        {
+            let Step { transition, offset, noise } = member.drift(t_ns, &self.options);
+            self.joint.propagate(node, &transition, &offset, &noise);
         }
+        member.now_ns = Some(member.now_ns.map_or(t_ns, |now_ns| now_ns.max(t_ns)));
     }
 
     /// Advances a vehicle to its checked sensor event and fuses it.
     pub fn sense(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> Outcome {
+        self.sense_and_tell(vehicle, t_ns, payload).0
+    }
+
+    /// As [`Graph::sense`], and what it did to the node.
+    pub fn sense_and_tell(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> (Outcome, Told) {
+        let nothing = (Outcome::Noted, Told::Nothing);
         // Headings come at tens of hertz and are only kept: nothing has to move for them.
-        let reading = match payload {
-            Payload::Heading { .. } | Payload::Depth { .. } => {
-                let member = &mut self.members[vehicle];
-                member.sensors.read(t_ns, payload);
-                return Outcome::Noted;
-            }
-            _ => {
-                self.advance(vehicle, t_ns);
-                self.members[vehicle].sensors.read(t_ns, payload)
-            }
-        };
-        let linear = match reading {
-            Reading::Nothing => return Outcome::Noted,
+        if matches!(payload, Payload::Heading { .. } | Payload::Depth { .. }) {
+            let member = &mut self.members[vehicle];
+            member.sensors.read(t_ns, payload);
+            member.odometer.read(payload, None);
+            return nothing;
+        }
+        self.advance(vehicle, t_ns);
+        if matches!(payload, Payload::Odometry { .. }) {
+            return self.step(vehicle, payload).map_or(nothing, |step| (Outcome::Fused, Told::Moved(step)));
+        }
+        match self.members[vehicle].sensors.read(t_ns, payload) {
+            Reading::Nothing => nothing,
             Reading::Refused => {
                 self.reject(vehicle);
-                return Outcome::Gated;
+                (Outcome::Gated, Told::Nothing)
             }
-            Reading::Linear(linear) => linear,
-        };
+            // The node of a vehicle with odometry has no velocity to be measured.
+            Reading::Linear(linear)
+                if linear.half == Half::Velocity && self.members[vehicle].odometer.moves() =>
+            {
+                nothing
+            }
+            Reading::Linear(linear) => self.measure(vehicle, &linear),
+        }
+    }
+
+    fn measure(&mut self, vehicle: usize, linear: &Linear) -> (Outcome, Told) {
         let Some(node) = self.find(Node::Current(vehicle as VehicleId)) else {
             if linear.half == Half::Velocity {
-                return Outcome::Noted;
+                return (Outcome::Noted, Told::Nothing);
             }
-            self.joint.push(&start(&linear, &self.options));
+            self.joint.push(&start(linear, &self.options));
             self.nodes.push(Node::Current(vehicle as VehicleId));
-            return Outcome::Fused;
+            return (Outcome::Fused, Told::Nothing);
         };
         let innovation = self.joint.pair_innovation(node, linear.first(), &linear.value, &linear.noise);
         match innovation {
@@ -128,13 +187,24 @@ impl Graph {
                 if self.members[vehicle].gate.admits(linear.half, innovation.squared, &self.options) =>
             {
                 self.joint.fuse(&innovation);
-                Outcome::Fused
+                (Outcome::Fused, Told::Linear(*linear))
             }
             _ => {
                 self.reject(vehicle);
-                Outcome::Gated
+                (Outcome::Gated, Told::Nothing)
             }
         }
+    }
+
+    /// Moves a vehicle by its odometry. With the first of it, the node forgets its velocity.
+    fn step(&mut self, vehicle: usize, payload: &Payload) -> Option<Step> {
+        let node = self.find(Node::Current(vehicle as VehicleId));
+        let member = &mut self.members[vehicle];
+        let fresh = if member.odometer.moves() { Step::rest() } else { Step::begin() };
+        let mean = node.map(|node| fresh.transition * self.joint.node_mean(node));
+        let step = fresh.then(&member.odometer.read(payload, mean.as_ref())?);
+        self.joint.propagate(node?, &step.transition, &step.offset, &step.noise);
+        Some(step)
     }
 
     /// Keeps a vehicle's node at `tol_ns` in place of that of its previous launch; false before its first fix.
@@ -157,12 +227,12 @@ impl Graph {
     /// Where decoding took a while, the receiver has moved on: it is taken back along its velocity and forward again.
     pub fn range(&mut self, sender: usize, receiver: usize, range: Option<Range>, toa_ns: i64) -> Outcome {
         self.advance(receiver, toa_ns);
-        let late_s = seconds(self.members[receiver].now_ns.unwrap_or(toa_ns).saturating_sub(toa_ns));
+        let late_s = self.late_s(receiver, toa_ns);
         let outcome = match (range, self.find(Node::Current(receiver as VehicleId))) {
             (Some(range), Some(node)) => {
-                self.shift(node, -late_s);
+                self.shift(receiver, node, -late_s);
                 let outcome = range.fuse(&mut self.joint, sender, node, self.options.gate_sigmas);
-                self.shift(node, late_s);
+                self.shift(receiver, node, late_s);
                 outcome
             }
             _ => Outcome::Rejected,
@@ -173,38 +243,43 @@ impl Graph {
         outcome
     }
 
+    /// How long ago a vehicle was where it was at `toa_ns`, s.
+    #[must_use]
+    pub fn late_s(&self, vehicle: usize, toa_ns: i64) -> f64 {
+        seconds(self.members[vehicle].now_ns.unwrap_or(toa_ns).saturating_sub(toa_ns))
+    }
+
     /// Moves a node along its velocity, without noise.
-    fn shift(&mut self, node: usize, dt_s: f64) {
+    fn shift(&mut self, vehicle: usize, node: usize, dt_s: f64) {
         if dt_s != 0.0 {
-            let (none, quiet) = (NodeVector::zeros(), NodeMatrix::zeros());
-            self.joint.propagate(node, &process::transition(dt_s), &none, &quiet);
+            let Step { transition, offset, noise } = self.coast(vehicle, dt_s);
+            self.joint.propagate(node, &transition, &offset, &noise);
         }
+    }
+
+    /// What time alone does to a vehicle's node if nothing pushes it.
+    #[must_use]
+    pub fn coast(&self, vehicle: usize, dt_s: f64) -> Step {
+        drift(self.members[vehicle].odometer.moves(), dt_s, 0.0)
     }
 
     /// The slant range between launch and arrival, reduced by both depths.
     #[must_use]
     pub fn measured(
         &self,
-        (sender, receiver): (usize, usize),
+        receiver: usize,
         (tol_ns, toa_ns): (i64, i64),
         sender_depth_m: f64,
         sound_speed_mps: f64,
     ) -> Option<Range> {
-        debug_assert_ne!(sender, receiver);
-        let own_depth_m = self.members[receiver].sensors.depth_m();
-        let sigma_m = self.options.sigma_range_m;
+        let (own_depth_m, sigma_m) = (self.depth_m(receiver), self.options.sigma_range_m);
         Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, sigma_m).ok().flatten()
     }
 
     /// The belief about one vehicle, predicted to `t_ns`.
     #[must_use]
     pub fn estimate(&self, vehicle: usize, t_ns: i64) -> Estimate {
-        let member = &self.members[vehicle];
-        let node = self.find(Node::Current(vehicle as VehicleId)).map(|node| {
-            let q = member.sensors.process_noise_m2_per_s3(&self.options);
-            let dt_s = seconds(t_ns.saturating_sub(member.now_ns.unwrap_or(t_ns)));
-            predicted(&self.joint.marginal(node), dt_s, q)
-        });
-        estimate(node.as_ref(), t_ns, member.rejected)
+        let node = self.current(vehicle).map(|node| self.drift(vehicle, t_ns).applied(&node));
+        estimate(node.as_ref(), t_ns, self.members[vehicle].rejected)
     }
 }

@@ -15,12 +15,14 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{LocalFilter, LocalOptions, Range, Reading, check_local_event, estimate, predicted};
+use super::graph::{Graph, Told};
+use super::local::{LocalOptions, Range, check_local_event, estimate};
+use super::odometry::Step;
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
 use crate::link::{ReceiveWindow, Sequencer};
-use crate::navigator::common::{load, save, seconds};
+use crate::navigator::common::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome};
 use crate::packet::{BankPacket, Belief, Header, HeardBitmap, Member, Origins, PacketKind};
 
@@ -35,6 +37,9 @@ pub struct InterleavedOptions {
     /// Whether this vehicle uses ranges.
     pub ranging: bool,
 }
+
+/// The only vehicle of its graph.
+const ALONE: usize = 0;
 
 /// A navigator with a bank of filters over its own node.
 pub struct Interleaved {
@@ -54,13 +59,14 @@ struct Helped {
 #[derive(Clone, Serialize, Deserialize)]
 struct Core {
     /// Own sensors alone.
-    local: LocalFilter,
+    graph: Graph,
+    /// Stamp of the last event, ns.
+    last_ns: Option<i64>,
     alone: Origins,
     bank: Vec<Helped>,
     sequencer: Sequencer,
     windows: Vec<ReceiveWindow>,
     heard: HeardBitmap,
-    rejected: u64,
 }
 
 impl Interleaved {
@@ -75,6 +81,7 @@ impl Interleaved {
         sound_speed_mps: f64,
     ) -> Result<Self, Error> {
         positive("sound_speed_mps", sound_speed_mps)?;
+        options.local.validate()?;
         if usize::from(own) >= vehicles {
             return Err(Error::UnknownVehicle { vehicle: own, count: vehicles });
         }
@@ -86,13 +93,13 @@ impl Interleaved {
             });
         }
         let core = Core {
-            local: LocalFilter::new(options.local)?,
+            graph: Graph::new(1, options.local),
+            last_ns: None,
             alone: Origins::of(own)?,
             bank: Vec::new(),
             sequencer: Sequencer::default(),
             windows: (0..vehicles).map(|_| ReceiveWindow::new()).collect(),
             heard: HeardBitmap::default(),
-            rejected: 0,
         };
         Ok(Self { own, options, sound_speed_mps, core })
     }
@@ -111,31 +118,32 @@ impl Interleaved {
 
     /// Own sensors go into every filter: they are an origin of all.
     fn sense(&mut self, t_ns: i64, payload: &Payload) -> Outcome {
-        self.advance(t_ns);
-        let mut sensors = self.core.local.sensors;
-        let outcome = self.core.local.sense(t_ns, payload);
-        if outcome == Outcome::Fused
-            && let Reading::Linear(linear) = sensors.read(t_ns, payload)
-        {
-            // One that cannot take it is lost: the filter alone never is.
-            self.core.bank.retain_mut(|helped| {
+        if !matches!(payload, Payload::Heading { .. } | Payload::Depth { .. }) {
+            self.advance(t_ns);
+        }
+        let (outcome, told) = self.core.graph.sense_and_tell(ALONE, t_ns, payload);
+        match told {
+            Told::Nothing => {}
+            // A filter that cannot take it is lost: the one alone never is.
+            Told::Linear(linear) => self.core.bank.retain_mut(|helped| {
                 helped.node.update(&linear.observe(), &linear.value, &linear.noise).is_ok()
-            });
+            }),
+            Told::Moved(step) => self.move_bank(&step),
         }
         outcome
     }
 
     fn advance(&mut self, t_ns: i64) {
-        if let Some(now_ns) = self.core.local.now_ns
-            && t_ns > now_ns
-        {
-            let q = self.core.local.sensors.process_noise_m2_per_s3(&self.options.local);
-            let dt_s = seconds(t_ns.saturating_sub(now_ns));
-            for helped in &mut self.core.bank {
-                helped.node = predicted(&helped.node, dt_s, q);
-            }
+        if self.core.graph.now_ns(ALONE).is_some_and(|now_ns| t_ns > now_ns) {
+            self.move_bank(&self.core.graph.drift(ALONE, t_ns));
         }
-        self.core.local.advance(t_ns);
+        self.core.graph.advance(ALONE, t_ns);
+    }
+
+    fn move_bank(&mut self, step: &Step) {
+        for helped in &mut self.core.bank {
+            helped.node = step.applied(&helped.node);
+        }
     }
 
     fn hear(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
@@ -151,18 +159,19 @@ impl Interleaved {
             return Outcome::Noted;
         }
         self.advance(toa_ns);
-        let (depth_m, sigma_m) = (self.core.local.sensors.depth_m(), self.options.local.sigma_range_m);
-        let sound = self.sound_speed_mps;
-        let range =
-            Range::measured(tol_ns, toa_ns, sound, depth_m, packet.header.depth_m, sigma_m).ok().flatten();
-        let (Some(range), Some(alone)) = (range, self.core.local.node) else { return self.reject() };
+        let graph = &self.core.graph;
+        let range = graph.measured(ALONE, (tol_ns, toa_ns), packet.header.depth_m, self.sound_speed_mps);
+        let late_s = graph.late_s(ALONE, toa_ns);
+        let (back, forth) = (graph.coast(ALONE, -late_s), graph.coast(ALONE, late_s));
+        let (Some(range), Some(alone)) = (range, graph.current(ALONE)) else { return self.reject() };
         let own = Helped { origins: self.core.alone, node: alone };
-        let late_s = seconds(self.core.local.now_ns.unwrap_or(toa_ns).saturating_sub(toa_ns));
         let filters: Vec<Helped> = std::iter::once(own).chain(self.core.bank.iter().copied()).collect();
         let mut better = false;
         for filter in &filters {
             for member in packet.members.iter().filter(|m| m.origins.disjoint(filter.origins)) {
-                if let Some(joined) = join(filter, member, &range, late_s, self.options.local.gate_sigmas) {
+                if let Some(joined) =
+                    join(filter, member, &range, (&back, &forth), self.options.local.gate_sigmas)
+                {
                     better |= self.offer(joined);
                 }
             }
@@ -181,21 +190,19 @@ impl Interleaved {
     }
 
     fn reject(&mut self) -> Outcome {
-        self.core.rejected += 1;
+        self.core.graph.reject(ALONE);
         Outcome::Rejected
     }
 
     /// The filter that knows best.
     fn best(&self) -> Option<Helped> {
-        let alone = self.core.local.node.map(|node| Helped { origins: self.core.alone, node });
+        let alone = self.core.graph.current(ALONE).map(|node| Helped { origins: self.core.alone, node });
         let all = alone.into_iter().chain(self.core.bank.iter().copied());
         all.min_by(|a, b| trace(&a.node).total_cmp(&trace(&b.node)))
     }
 
     fn ahead(&self, node: &Gaussian<NODE>, t_ns: i64) -> Gaussian<NODE> {
-        let q = self.core.local.sensors.process_noise_m2_per_s3(&self.options.local);
-        let dt_s = seconds(t_ns.saturating_sub(self.core.local.now_ns.unwrap_or(t_ns)));
-        predicted(node, dt_s, q)
+        self.core.graph.drift(ALONE, t_ns).applied(node)
     }
 }
 
@@ -205,36 +212,41 @@ fn trace(node: &Gaussian<NODE>) -> f64 {
 }
 
 /// An own filter and a heard belief of other origins, joined by a range; `None` where it is gated.
-fn join(filter: &Helped, member: &Member, range: &Range, late_s: f64, gate_sigmas: f64) -> Option<Helped> {
+fn join(
+    filter: &Helped,
+    member: &Member,
+    range: &Range,
+    (back, forth): (&Step, &Step),
+    gate_sigmas: f64,
+) -> Option<Helped> {
     let mut sender = Gaussian { mean: NodeVector::zeros(), covariance: NodeMatrix::zeros() };
     sender.mean.fixed_rows_mut::<2>(0).copy_from(&member.belief.mean_m);
     sender.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&member.belief.covariance_m2);
     let mut joint = Joint::new();
-    let own = joint.push(&predicted(&filter.node, -late_s, 0.0));
+    let own = joint.push(&back.applied(&filter.node));
     let sender = joint.push(&sender);
     let fused = range.fuse(&mut joint, sender, own, gate_sigmas) == Outcome::Fused;
     fused.then(|| Helped {
         origins: filter.origins.union(member.origins),
-        node: predicted(&joint.marginal(own), late_s, 0.0),
+        node: forth.applied(&joint.marginal(own)),
     })
 }
 
 impl Navigator for Interleaved {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
-        check_local_event(event, self.own, self.core.local.now_ns)?;
+        check_local_event(event, self.own, self.core.last_ns)?;
         self.check_sender(&event.payload)?;
+        self.core.last_ns = Some(event.t_ns);
         Ok(match &event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                let outcome = self.hear(*sender, *tol_ns, *toa_ns, bytes);
-                self.advance(event.t_ns);
-                outcome
+                self.hear(*sender, *tol_ns, *toa_ns, bytes)
             }
             payload => self.sense(event.t_ns, payload),
         })
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        let Some(alone) = self.core.local.node else { return Ok(None) };
+        let Some(alone) = self.core.graph.current(ALONE) else { return Ok(None) };
         let member = |origins: Origins, node: &Gaussian<NODE>| {
             let node = self.ahead(node, tol_ns);
             let mean_m = node.mean.fixed_rows::<2>(0).into_owned();
@@ -246,7 +258,7 @@ impl Navigator for Interleaved {
         let header = Header {
             kind: PacketKind::Bank,
             sequence: self.core.sequencer.residue(),
-            depth_m: self.core.local.sensors.depth_m(),
+            depth_m: self.core.graph.depth_m(ALONE),
             heard: self.core.heard,
         };
         let bytes = BankPacket { header, members }.encode(self.own, tol_ns)?;
@@ -260,7 +272,7 @@ impl Navigator for Interleaved {
 
     fn estimate(&self, t_ns: i64) -> Estimate {
         let node = self.best().map(|helped| self.ahead(&helped.node, t_ns));
-        estimate(node.as_ref(), t_ns, self.core.local.rejected + self.core.rejected)
+        estimate(node.as_ref(), t_ns, self.core.graph.estimate(ALONE, t_ns).rejected)
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

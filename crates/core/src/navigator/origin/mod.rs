@@ -5,6 +5,7 @@
 //! * [`team`]: the joint filter of the own state and each peer's newest node.
 //! * [`mdeif`], [`deif`]: the navigators.
 //! * [`belief`], [`interleaved`]: references that exchange positions instead of graphs.
+//! * [`odometry`]: vehicles that are told how they moved.
 //! * [`graph`], [`central`]: the references that are fed more than a vehicle can know.
 
 pub mod belief;
@@ -14,5 +15,6 @@ pub mod graph;
 pub mod interleaved;
 pub mod local;
 pub mod mdeif;
+pub mod odometry;
 pub mod server;
 pub mod team;

@@ -1,0 +1,136 @@
+//! Odometry: displacement and yaw change between events, in place of white acceleration.
+//!
+//! A vehicle that is told how it moved needs no velocity in its node. The node's second half then holds what its heading
+//! errs by and how much its odometer reads short:
+//!
+//! ```text
+//! [x, y, δψ, δs]      x' = x + (1 + δs) R(ψ + δψ) d        ψ: first heading, then yaw changes summed up
+//! ```
+
+use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
+
+use crate::event::Payload;
+use crate::information::{Gaussian, NODE, NodeMatrix, NodeVector, process};
+
+/// Prior of the heading's error, rad, and of the odometer's scale: that of a heading given at the start and of a wheel
+/// or INS that is calibrated to a tenth of a percent.
+const SIGMA_HEADING0_RAD: f64 = 0.01;
+const SIGMA_SCALE0: f64 = 1e-3;
+
+/// A linearised step of a node: x ← F x + offset + N(0, noise).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step {
+    /// F.
+    pub transition: NodeMatrix,
+    /// What F does not say.
+    pub offset: NodeVector,
+    /// Q.
+    pub noise: NodeMatrix,
+}
+
+impl Step {
+    /// Nothing moves.
+    #[must_use]
+    pub fn rest() -> Self {
+        Self { transition: NodeMatrix::identity(), offset: NodeVector::zeros(), noise: NodeMatrix::zeros() }
+    }
+
+    /// With the first odometry: the position stays, and the priors of heading error and scale take the velocity's place.
+    #[must_use]
+    pub fn begin() -> Self {
+        let mut step = Self::rest();
+        for (entry, sigma) in [(2, SIGMA_HEADING0_RAD), (3, SIGMA_SCALE0)] {
+            step.transition[(entry, entry)] = 0.0;
+            step.noise[(entry, entry)] = sigma * sigma;
+        }
+        step
+    }
+
+    /// This step, then another.
+    #[must_use]
+    pub fn then(&self, next: &Self) -> Self {
+        let f = next.transition;
+        Self {
+            transition: f * self.transition,
+            offset: f * self.offset + next.offset,
+            noise: f * self.noise * f.transpose() + next.noise,
+        }
+    }
+
+    /// One node moved.
+    #[must_use]
+    pub fn applied(&self, node: &Gaussian<NODE>) -> Gaussian<NODE> {
+        let mut moved = *node;
+        moved.predict(&self.transition, &self.noise);
+        moved.mean += self.offset;
+        moved
+    }
+}
+
+/// What a vehicle with odometry must remember.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Odometer {
+    yaw_rad: Option<f64>,
+    moves: bool,
+}
+
+impl Odometer {
+    /// Whether the vehicle moves by odometry: from its first such event on.
+    #[must_use]
+    pub fn moves(&self) -> bool {
+        self.moves
+    }
+
+    /// Reads a heading, the first of which is where yaw changes are counted from, or an odometry event; the latter, once
+    /// there is a heading and a `node`, gives the step that it tells.
+    pub fn read(&mut self, payload: &Payload, node: Option<&NodeVector>) -> Option<Step> {
+        match *payload {
+            Payload::Heading { yaw_rad, .. } if !self.moves => {
+                self.yaw_rad = Some(yaw_rad);
+                None
+            }
+            Payload::Odometry { displacement_m, yaw_change_rad, covariance } => {
+                let yaw_rad = self.yaw_rad?;
+                self.moves = true;
+                self.yaw_rad = Some(yaw_rad + yaw_change_rad);
+                node.map(|node| step(&Vector2::from(displacement_m), yaw_rad, &covariance, node))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// The step of a displacement in the body frame, linearised at the node's heading error and scale.
+fn step(body_m: &Vector2<f64>, yaw_rad: f64, covariance: &[f64; 6], node: &NodeVector) -> Step {
+    let [ff, fl, fy, ll, ly, yy] = *covariance;
+    let (s, c) = (yaw_rad + node[2]).sin_cos();
+    let turn = Matrix2::new(c, -s, s, c);
+    let world = turn * body_m;
+    let moved = world * (1.0 + node[3]);
+    let across = Vector2::new(-moved.y, moved.x);
+    let mut transition = NodeMatrix::identity();
+    transition.fixed_view_mut::<2, 1>(0, 2).copy_from(&across);
+    transition.fixed_view_mut::<2, 1>(0, 3).copy_from(&world);
+    let shift = moved - across * node[2] - world * node[3];
+    let mut noise = NodeMatrix::zeros();
+    noise.fixed_view_mut::<2, 2>(0, 0).copy_from(&(turn * Matrix2::new(ff, fl, fl, ll) * turn.transpose()));
+    let with_yaw = turn * Vector2::new(fy, ly);
+    noise.fixed_view_mut::<2, 1>(0, 2).copy_from(&with_yaw);
+    noise.fixed_view_mut::<1, 2>(2, 0).copy_from(&with_yaw.transpose());
+    noise[(2, 2)] = yy;
+    Step { transition, offset: NodeVector::new(shift.x, shift.y, 0.0, 0.0), noise }
+}
+
+/// The step of time alone: white acceleration of this spectral density, or rest for a vehicle with odometry.
+#[must_use]
+pub fn drift(moves_by_odometry: bool, dt_s: f64, q_m2_per_s3: f64) -> Step {
+    if moves_by_odometry {
+        return Step::rest();
+    }
+    Step {
+        transition: process::transition(dt_s),
+        offset: NodeVector::zeros(),
+        noise: process::noise(dt_s, q_m2_per_s3),
+    }
+}

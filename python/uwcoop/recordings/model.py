@@ -1,0 +1,229 @@
+"""A recording in memory, and the mission that it becomes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import Field
+
+from uwcoop.acoustics.modem import MODEMS, NO_LIMIT_BYTES
+from uwcoop.errors import LogError
+from uwcoop.missionlog.model import (
+    OPPORTUNITY_COLUMNS,
+    SLOT_COLUMNS,
+    Columns,
+    Link,
+    MissionLog,
+    columns,
+    event_columns,
+)
+from uwcoop.scenario.base import NonNegative, Positive, Table, nearest
+
+if TYPE_CHECKING:
+    import xarray as xr
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+    Integers = NDArray[np.int64]
+
+SPEED_MPS = 1500.0
+"""A range becomes a travel time at this speed, whatever it was measured with; it ends when the range was measured."""
+NAVIGATORS = ("local-only", "cekf", "nekf", "interleaved", "covariance-intersection")
+
+
+class Options(Table):
+    """`recording.*`: what the files do not say, or say wrongly."""
+
+    beacons: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Whose ranges are used; empty: all. One: the geometry of a single ship."""
+    sigma_range_m: Positive
+    """Of a range, as the navigators weigh it."""
+    gate_sigmas: Positive = 4.0
+    """Ranges that contradict the belief by more sigmas are gated and counted."""
+    sigma_beacon_m: Positive
+    """Of the place of a beacon on each axis: the same error in all of its ranges."""
+    sigma_start_m: Positive = 0.1
+    """Of the place where the vehicle starts."""
+    sigma_odometry_m: NonNegative
+    """Of each displacement on each axis, beside what grows with its length."""
+    sigma_odometry_share: NonNegative
+    """What grows with its length, along the track; across it a third of that."""
+    sigma_yaw_rad: NonNegative
+    """Of each change of yaw."""
+
+
+class PyfgOptions(Options):
+    """Of factor graphs: the values found on the GOATS runs, whose files state guesses."""
+
+    sigma_range_m: Positive = 4.0
+    sigma_beacon_m: Positive = 3.0
+    sigma_odometry_m: NonNegative = 0.4
+    sigma_odometry_share: NonNegative = 0.0
+    sigma_yaw_rad: NonNegative = 1e-4
+
+
+class PlazaOptions(Options):
+    """Of the Plaza files: a gyro that hardly drifts, an odometer that slips, ranges that read up to 5 m long."""
+
+    sigma_range_m: Positive = 3.0
+    gate_sigmas: Positive = 6.0
+    sigma_beacon_m: Positive = 0.01
+    sigma_odometry_m: NonNegative = 0.01
+    sigma_odometry_share: NonNegative = 0.05
+    sigma_yaw_rad: NonNegative = 1e-3
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One vehicle's odometry and its ranges to beacons, in metres, radians and seconds from the start."""
+
+    name: str
+    vehicle: str
+    beacons: dict[str, tuple[float, float]]
+    start: tuple[float, float, float]
+    """East, north, yaw."""
+    odometry_s: Floats
+    """(N,) ascending: when each displacement is done."""
+    displacement_m: Floats
+    """(N, 2) forward and left since the one before."""
+    yaw_change_rad: Floats
+    """(N,)."""
+    range_s: Floats
+    """(M,) in any order."""
+    range_beacon: list[str]
+    """(M,)."""
+    range_m: Floats
+    """(M,)."""
+    truth_s: Floats
+    """(T,) ascending."""
+    truth: Floats
+    """(T, 3) east, north, yaw."""
+
+
+def mission_of(found: Recording, options: Options) -> MissionLog:
+    """The recording as a mission of the vehicle and the chosen beacons.
+
+    Raises:
+        LogError: a beacon that the recording does not know, or nothing to replay.
+    """
+    for name in options.beacons:
+        if name not in found.beacons:
+            raise LogError(
+                f"recording {found.name} has no beacon {name!r}: {nearest(name, list(found.beacons))}"
+            )
+    beacons = [name for name in found.beacons if not options.beacons or name in options.beacons]
+    used = np.isin(found.range_beacon, beacons) if found.range_beacon else np.zeros(0, bool)
+    if not used.any() or not found.odometry_s.size:
+        raise LogError(f"recording {found.name} has no ranges, or no odometry, to replay")
+    vehicles = (found.vehicle, *beacons)
+    sender = np.array([vehicles.index(b) for b, use in zip(found.range_beacon, used, strict=True) if use])
+    slots, opportunities = _signals(found.range_s[used], sender, found.range_m[used])
+    end_s = float(np.ceil(max(found.odometry_s[-1], opportunities["toa_ns"].max() / 1e9, found.truth_s[-1])))
+    modem = MODEMS["unlimited"]
+    return MissionLog(
+        name=found.name,
+        seed=0,
+        vehicles=vehicles,
+        duration_ns=round(end_s) * 1_000_000_000,
+        link=Link("unlimited", modem.frame_bytes, modem.max_frames, 0.0, 0.0, SPEED_MPS),
+        events=_events(found, options, beacons),
+        slots=slots,
+        opportunities=opportunities,
+        scenario={
+            "name": found.name,
+            "recording": options.model_dump(mode="json"),
+            "metrics": {"settle_s": 0.0},
+            "navigators": list(NAVIGATORS),
+            "navigator": {
+                "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
+            },
+        },
+        truth=_truth(found, beacons),
+    )
+
+
+def _ascending(t_ns: Integers) -> Integers:
+    """The same times, equal ones a microsecond apart: no two signals start together."""
+    spread = t_ns.copy()
+    for k in range(1, len(spread)):
+        spread[k] = max(spread[k], spread[k - 1] + 1000)
+    return spread
+
+
+def _signals(range_s: Floats, sender: Integers, range_m: Floats) -> tuple[Columns, Columns]:
+    """A slot for each range, heard by the vehicle for certain when the range was measured."""
+    travel_ns = np.round(range_m / SPEED_MPS * 1e9).astype(np.int64)
+    launch_ns = np.maximum(np.round(range_s * 1e9).astype(np.int64) - travel_ns, 0)
+    order = np.argsort(launch_ns, kind="stable")
+    tol_ns, travel_ns, sender = _ascending(launch_ns[order]), travel_ns[order], sender[order]
+    count = len(tol_ns)
+    slots = columns(
+        SLOT_COLUMNS, tol_ns=tol_ns, sender=sender, capacity_bytes=np.full(count, NO_LIMIT_BYTES, np.int64)
+    )
+    opportunities = columns(
+        OPPORTUNITY_COLUMNS,
+        tol_ns=tol_ns,
+        sender=sender,
+        receiver=np.zeros(count, np.int64),
+        toa_ns=tol_ns + travel_ns,
+        survive_probability=np.ones(count),
+    )
+    opportunities["draws"] = np.zeros((count, 1))
+    return slots, opportunities
+
+
+def _events(found: Recording, options: Options, beacons: list[str]) -> dict[str, Columns]:
+    """Headings and fixes at the start of all, the vehicle's odometry, and one of rest for each beacon."""
+    everyone = np.arange(1 + len(beacons))
+    none = np.zeros(len(everyone), np.int64)
+    places = np.array([found.start[:2], *(found.beacons[b] for b in beacons)])
+    variance = np.array([options.sigma_start_m, *[options.sigma_beacon_m] * len(beacons)]) ** 2
+    yaw = np.array([found.start[2], *[0.0] * len(beacons)])
+    still = len(beacons)
+    length = np.hypot(*found.displacement_m.T)
+    along = options.sigma_odometry_m**2 + (options.sigma_odometry_share * length) ** 2
+    across = options.sigma_odometry_m**2 + (options.sigma_odometry_share * length / 3) ** 2
+    zero = np.zeros(still + len(length))
+
+    def padded(values: Floats) -> Floats:
+        return np.concatenate([np.zeros(still), values])
+
+    return {
+        "heading": event_columns("heading", none, everyone, yaw_rad=yaw, sigma_rad=np.zeros(len(everyone))),
+        "fix": event_columns(
+            "fix", none, everyone, e_m=places[:, 0], n_m=places[:, 1],
+            cov_ee_m2=variance, cov_en_m2=np.zeros(len(everyone)), cov_nn_m2=variance,
+        ),
+        "odometry": event_columns(
+            "odometry",
+            np.concatenate([np.zeros(still), np.round(found.odometry_s * 1e9)]).astype(np.int64),
+            np.concatenate([everyone[1:], np.zeros(len(length), np.int64)]),
+            forward_m=padded(found.displacement_m[:, 0]), left_m=padded(found.displacement_m[:, 1]),
+            yaw_change_rad=padded(found.yaw_change_rad),
+            cov_ff=padded(along), cov_fl=zero, cov_fy=zero, cov_ll=padded(across), cov_ly=zero,
+            cov_yy=padded(np.full(len(length), options.sigma_yaw_rad**2)),
+        ),
+    }  # fmt: skip
+
+
+def _truth(found: Recording, beacons: list[str]) -> xr.Dataset:
+    import xarray as xr
+
+    shape = (1 + len(beacons), len(found.truth_s))
+    position = np.empty((*shape, 2))
+    yaw = np.zeros(shape)
+    position[0], yaw[0] = found.truth[:, :2], found.truth[:, 2]
+    for k, name in enumerate(beacons, 1):
+        position[k] = found.beacons[name]
+    data: dict[str, Any] = {
+        "position_m": (("vehicle", "time", "axis"), position, {"units": "m"}),
+        "yaw_rad": (("vehicle", "time"), yaw, {"units": "rad"}),
+    }
+    coordinates = {
+        "vehicle": [found.vehicle, *beacons],
+        "time": ("time", found.truth_s, {"units": "s"}),
+        "axis": ["east", "north"],
+    }
+    return xr.Dataset(data, coords=coordinates)

@@ -1,0 +1,191 @@
+"""The tables of docs/results/origin-state.md: consistency, equalities, bytes against accuracy, recordings.
+
+python studies/origin_state.py consistency --runs 50
+python studies/origin_state.py equalities --runs 20
+python studies/origin_state.py bytes --runs 20
+python studies/origin_state.py recordings DATA
+python studies/origin_state.py speed
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import uwcoop
+from uwcoop import metrics, scenario
+from uwcoop.errors import UwcoopError
+from uwcoop.simulate import simulate
+
+Table = list[Sequence[str]]
+
+
+def main() -> None:
+    """One table after another, in Markdown."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("table", choices=sorted(TABLES))
+    parser.add_argument("data", nargs="?", type=Path, help="folder with goats/ and plaza/")
+    parser.add_argument("--runs", type=int, default=50)
+    arguments = parser.parse_args()
+    TABLES[arguments.table](arguments)
+
+
+def consistency(arguments: argparse.Namespace) -> None:
+    """ANEES and errors by vehicle of every navigator, and the interval of consistent ones."""
+    for name, spoken in (("ship-and-auv", ["auv"]), ("four-vehicle-team", None)):
+        result = uwcoop.study(name, arguments.runs)
+        rows = [row for row in result.rows if spoken is None or row["vehicle"] in spoken]
+        vehicles = len({row["vehicle"] for row in rows})
+        low, high = metrics.anees_bounds(2, arguments.runs * vehicles)
+        print(f"\n{name}, {arguments.runs} runs, {' and '.join(spoken or ['all vehicles'])}; "
+              f"95 % of consistent teams: {low:.2f} to {high:.2f}\n")  # fmt: skip
+        table: Table = [("navigator", "RMSE (m)", "median (m)", "95 % (m)", "ANEES", "packet (B)", "run (s)")]
+        for navigator in dict.fromkeys(row["navigator"] for row in rows):
+            own = [row for row in rows if row["navigator"] == navigator]
+            size = [row["packet_bytes_mean"] for row in own if row["packet_bytes_mean"] is not None]
+            table.append((
+                navigator,
+                f"{np.sqrt(np.mean([row['rmse_m'] ** 2 for row in own])):.3f}",
+                f"{np.median([row['median_error_m'] for row in own]):.2f}",
+                f"{np.median([row['p95_error_m'] for row in own]):.2f}",
+                f"{np.mean([row['anees'] for row in own]):.2f}",
+                f"{np.mean(size):.0f}" if size else "-",
+                f"{np.mean([row['seconds'] for row in own]):.2f}",
+            ))  # fmt: skip
+        show(table)
+
+
+def equalities(arguments: argparse.Namespace) -> None:
+    """Largest differences from the references at the times of arrival, over all runs."""
+    lossless = ["acoustics.losses=[]"]
+    table: Table = [("scenario", "navigator", "reference", "when", "position (m)", "variance, low", "high")]
+    table += compare("ship-and-auv", lossless, "deif", "cekf", arguments.runs, {"all": (0, np.inf)})
+    windows = {"before": (0, 3400), "hold": (3400, 3700), "after": (3700, 4000), "late": (4000, np.inf)}
+    table += compare("ship-and-auv-blackout", [], "mdeif", "cekf", arguments.runs, windows)
+    table += compare("ship-and-auv-long-blackout", [], "mdeif", "cekf", arguments.runs, {"all": (0, np.inf)})
+    table += compare("four-vehicle-team", [], "mdeif", "cekf-received", arguments.runs, {"all": (0, np.inf)})
+    show(table)
+
+
+def compare(
+    name: str,
+    overrides: list[str],
+    navigator: str,
+    reference: str,
+    runs: int,
+    windows: dict[str, tuple[float, float]],
+) -> Table:
+    """Rows of `equalities`: largest difference of position, least and largest ratio of the variance (trace)."""
+    worst = {when: [0.0, np.inf, 0.0] for when in windows}
+    for seed in range(runs):
+        tracks = uwcoop.run(name, [navigator, reference], seed=seed, overrides=overrides, clouds=False).tracks
+        heard = tracks["heard"].values.all(axis=0)
+        position, variance = (
+            tracks["position_m"].values,
+            np.trace(tracks["covariance_m2"].values, axis1=-2, axis2=-1),
+        )
+        off = np.hypot(*np.moveaxis(position[0] - position[1], -1, 0))
+        ratio = variance[0] / variance[1]
+        time_s = tracks["time"].values
+        for when, (start, end) in windows.items():
+            at = heard & (time_s >= start) & (time_s < end)
+            if at.any():
+                low, high = ratio[at].min(), ratio[at].max()
+                worst[when] = [
+                    max(worst[when][0], off[at].max()),
+                    min(worst[when][1], low),
+                    max(worst[when][2], high),
+                ]
+    return [
+        (name + (" lossless" if overrides else ""), navigator, reference, when,
+         f"{off:.1e}", f"{100 * (low - 1):+.2e} %", f"{100 * (high - 1):+.2e} %")
+        for when, (off, low, high) in worst.items()
+    ]  # fmt: skip
+
+
+def bytes_(arguments: argparse.Namespace) -> None:
+    """What each form of packet costs and brings."""
+    table: Table = [("packet", "navigator", "bytes, mean", "largest", "RMSE of the auv (m)", "ANEES")]
+    for form in ("f64", "256", "64", "32"):
+        for navigator in ("mdeif", "nekf", "interleaved", "deif", "deif-redundant"):
+            if form != "f64" and navigator not in ("mdeif", "nekf"):
+                continue
+            try:
+                result = uwcoop.study(
+                    "ship-and-auv", arguments.runs, [navigator], overrides=[f"acoustics.packet={form}"]
+                )
+            except UwcoopError as reason:
+                table.append((form, navigator, str(reason), "", "", ""))
+                continue
+            rows = [row for row in result.rows if row["vehicle"] == "auv"]
+            sent = [row for row in result.rows if row["vehicle"] == "ship"]
+            table.append((
+                form, navigator,
+                f"{np.mean([row['packet_bytes_mean'] for row in sent]):.1f}",
+                f"{max(row['packet_bytes_max'] for row in sent)}",
+                f"{np.sqrt(np.mean([row['rmse_m'] ** 2 for row in rows])):.3f}",
+                f"{np.mean([row['anees'] for row in rows]):.2f}",
+            ))  # fmt: skip
+    show(table)
+
+
+def recordings(arguments: argparse.Namespace) -> None:
+    """Every navigator on the recordings: all beacons, then one at a time."""
+    files = [("goats/goats_14.pyfg", 4), ("goats/goats_15.pyfg", 3), ("plaza/Plaza1_.mat", 4)]
+    for file, _ in files:
+        path = arguments.data / file
+        every = uwcoop.run(path, ["local-only"], clouds=False).log.vehicles[1:]
+        table: Table = [("beacons", "navigator", "RMSE (m)", "95 % (m)", "ANEES", "gated")]
+        for beacons in [(), *[(b,) for b in every]]:
+            chosen = [f"recording.beacons={list(beacons)}"] if beacons else []
+            summary = uwcoop.run(path, overrides=chosen, clouds=False).summary
+            for navigator, found in summary["navigators"].items():
+                own = next(iter(found["vehicles"].values()))
+                row = (
+                    f"{own['rmse_m']:.2f}",
+                    f"{own['p95_error_m']:.2f}",
+                    f"{own['anees']:.1f}",
+                    str(own["rejected"]),
+                )
+                table.append((", ".join(beacons) or "all", navigator, *row))
+        print(f"\n{file}\n")
+        show(table)
+
+
+def speed(arguments: argparse.Namespace) -> None:
+    """CPU seconds of this process for one mission in one call, least of five."""
+    log = simulate("ship-and-auv", 0)
+    table: Table = [("navigator", "CPU (s), least of 5")]
+    for navigator in scenario.load("ship-and-auv").navigators:
+        spent = []
+        for _ in range(5):
+            start = time.process_time()
+            uwcoop.run(log, [navigator], clouds=False)
+            spent.append(time.process_time() - start)
+        table.append((navigator, f"{min(spent):.2f}"))
+    show(table)
+
+
+TABLES: dict[str, Any] = {
+    "consistency": consistency, "equalities": equalities, "bytes": bytes_, "recordings": recordings, "speed": speed,
+}  # fmt: skip
+
+
+def show(table: Iterable[Sequence[str]]) -> None:
+    """A table in Markdown."""
+    head, *rows = table
+    print("| " + " | ".join(head) + " |")
+    print("|" + "---|" * len(head))
+    for row in rows:
+        print("| " + " | ".join(row) + " |")
+
+
+if __name__ == "__main__":
+    main()
