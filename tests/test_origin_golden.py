@@ -121,3 +121,38 @@ def test_filtered_error_model(golden: Path) -> None:
     assert relative(solved["matrix"], case["dLam"]) < 1e-9
     assert relative(solved["vector"], case["deta"]) < 1e-9
     assert relative(solved["transition"], case["Phi_exact"]) < 1e-9
+
+
+def rounded(case: NDArray[np.float64], k: int, root0: NDArray[np.float64] | None) -> dict[str, object]:
+    """Packet k of the case, encoded and decoded."""
+    size = 4 if k == 0 else 8
+    joint = np.linalg.inv(case["pL"][k][:size, :size])
+    mean = joint @ case["pe"][k][:size]
+    tie = {}
+    if root0 is not None:
+        first = np.linalg.inv(case["pL"][0][:4, :4])
+        tie = {"origin_covariance": root0 @ root0.T, "transition": joint[:4, 4:] @ np.linalg.inv(first)}
+    link = {"packet": "64", "sender": 0, "tol_ns": k}
+    packet = kernels.encode_graph(mean[:4], joint[:4, :4], **tie, sequence=k, origin=0, depth_m=0.0, **link)
+    return kernels.decode_graph(packet, **link)
+
+
+def test_rounded_packets(golden: Path) -> None:
+    case = np.load(golden / "g8_quant.npz")
+    for k in range(4):
+        found = rounded(case, k, None if k == 0 else case["Lq"][0])
+        assert np.array_equal(np.round(found["mean"] * 1000), np.round(case["m"][k] * 1000))
+        assert found["bits"] == case["bits"][k]
+        covered = found["root"] @ found["root"].T
+        assert np.linalg.eigvalsh(covered - case["P"][k]).min() > 0
+        # Tighter than, or as tight as, the reference; the correlations are the reference's own.
+        assert np.linalg.det(covered) <= np.linalg.det(case["Lq"][k] @ case["Lq"][k].T) * (1 + 1e-12)
+        sigma, expected = np.sqrt(np.diag(covered)), case["Lq"][k] @ case["Lq"][k].T
+        expected /= np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+        assert np.allclose(covered / np.outer(sigma, sigma), expected, rtol=0, atol=1e-12)
+        if k:
+            # M is told in the scale of the covariance as sent; in the reference's scale it is the reference's.
+            step = np.abs(case["M"][k]).max() / 64
+            in_reference = np.linalg.solve(case["Lq"][k], found["root"] @ found["correlation"])
+            assert np.allclose(in_reference, case["M"][k], rtol=0, atol=2 * step)
+            assert np.linalg.norm(found["correlation"], 2) <= 1

@@ -380,3 +380,17 @@ def decode_exchange(
     sender: int,
     tol_ns: int,
 ) -> dict[str, Any]: ...
+def encode_graph(
+    mean: _F8,
+    covariance: _F8,
+    origin_covariance: _F8 | None = None,
+    transition: _F8 | None = None,
+    *,
+    packet: str,
+    sequence: int,
+    origin: int,
+    depth_m: float,
+    sender: int,
+    tol_ns: int,
+) -> bytes: ...
+def decode_graph(bytes: bytes, *, packet: str, sender: int, tol_ns: int) -> dict[str, Any]: ...

@@ -27,6 +27,7 @@ fn failed(error: Error) -> PyErr {
     }
 }
 
+/// A finite D × D array.
 pub(crate) fn square<const D: usize>(name: &str, matrix: &Matrix<'_>) -> PyResult<SMatrix<f64, D, D>> {
     if matrix.shape() != [D, D] {
         return Err(argument(format!("{name} has shape {:?}, not ({D}, {D})", matrix.shape())));
@@ -39,6 +40,7 @@ pub(crate) fn square<const D: usize>(name: &str, matrix: &Matrix<'_>) -> PyResul
     Ok(all)
 }
 
+/// A finite array of D.
 pub(crate) fn column<const D: usize>(name: &str, vector: &Column<'_>) -> PyResult<SVector<f64, D>> {
     if vector.shape() != [D] {
         return Err(argument(format!("{name} has shape {:?}, not ({D},)", vector.shape())));
@@ -51,6 +53,7 @@ pub(crate) fn column<const D: usize>(name: &str, vector: &Column<'_>) -> PyResul
     Ok(all)
 }
 
+/// Row-major R × C.
 pub(crate) fn square_out<'py, const R: usize, const C: usize>(
     py: Python<'py>,
     matrix: &SMatrix<f64, R, C>,
@@ -59,6 +62,7 @@ pub(crate) fn square_out<'py, const R: usize, const C: usize>(
     flat.into_pyarray(py).reshape([R, C])
 }
 
+/// An array of D.
 pub(crate) fn column_out<'py, const D: usize>(
     py: Python<'py>,
     vector: &SVector<f64, D>,
@@ -161,8 +165,8 @@ fn filtered_error_delta<'py>(
     let (client, server) = joints(&client_matrix, &client_vector, &server_matrix, &server_vector)?;
     let (earlier, earlier_cross) = reconstruct::filtered(&client).map_err(failed)?;
     let (later, later_cross) = reconstruct::filtered(&server).map_err(failed)?;
-    let transition =
-        reconstruct::filtered_error_transition(&earlier, &earlier_cross, &later_cross).map_err(failed)?;
+    let transition = reconstruct::filtered_error_transition(&earlier, &earlier_cross, &later_cross, 1e-6)
+        .map_err(failed)?;
     let step = reconstruct::filtered_error_step(&earlier, &later, &transition).map_err(failed)?;
     let delta = step.information().map_err(failed)?;
     let dict = PyDict::new(py);

@@ -4,12 +4,16 @@ use serde::{Deserialize, Serialize};
 
 use super::reconstruct::{
     exact_delta, filtered, filtered_error_step, filtered_error_transition, health, loss, origin_delta,
+    positive_part,
 };
-use super::{Chain, Gaussian, Information, NODE, Node, NodeMatrix, Step, symmetrized};
+use super::{Chain, Gaussian, Information, NODE, Node, NodeMatrix, NodeVector, Step, symmetrized};
 use crate::error::Error;
 
 /// Nodes that a server or a client keeps at most: the origin and the newest ones.
 pub const NODES_MAX: usize = 64;
+/// What rounding leaves of correlations: in float64, and in eight bits.
+const EXACT_SHARE: f64 = 1e-6;
+const ROUNDED_SHARE: f64 = 0.03;
 
 /// What a packet says of its newest node and the origin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -19,7 +23,8 @@ pub enum Tie {
     Begin,
     /// The joint marginal over (newest, origin), exact.
     Joint(Information<8>),
-    /// Σ_{newest, origin} times L⁻ᵀ, where L Lᵀ is what was known of the origin at its launch.
+    /// Σ_{newest, origin} times L₀⁻ᵀ, where L₀ L₀ᵀ is what was sent of the origin at its launch. (A sender's, before it
+    /// is written: M, in the scale of the newest node as well.)
     Correlation(NodeMatrix),
 }
 
@@ -30,7 +35,53 @@ pub enum Lag {
     /// Their joint marginal.
     Joint(Information<8>),
     /// The step between them, for who holds the earlier one as it was sent.
-    Step(Step),
+    Rounded(RoundedLag),
+}
+
+/// A step in the scales of its two nodes: L₂ L₂ᵀ the earlier one's covariance as it was sent, L₃ L₃ᵀ the later one's.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RoundedLag {
+    /// A = L₂⁻¹ P₂|₃ L₂⁻ᵀ: what smoothing leaves of the earlier node's covariance.
+    pub smoothed: NodeMatrix,
+    /// L₂⁻¹ (x̂₂|₃ − x̂₂): how far smoothing moves its mean.
+    pub shift: NodeVector,
+    /// K = L₃⁻¹ Φ L₂ chol(A), of norm at most 1.
+    pub transition: NodeMatrix,
+}
+
+impl RoundedLag {
+    /// The step, from the two nodes as they were sent: P₂|₃ = L₂AL₂ᵀ, Φ = L₃ K (L₂ chol A)⁻¹, W = L₃ (I − KKᵀ) L₃ᵀ, and
+    /// what makes the later mean come out.
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] for matrices that no step has.
+    pub fn step(&self, earlier: &Gaussian<NODE>, later: &Gaussian<NODE>) -> Result<Step, Error> {
+        let refused = || Error::NotPositiveDefinite { quantity: "rounded step" };
+        let root = symmetrized(&earlier.covariance).cholesky().ok_or_else(refused)?.l();
+        let back = root.try_inverse().ok_or_else(refused)?;
+        let inverse = symmetrized(&self.smoothed).try_inverse().ok_or_else(refused)?;
+        // Rounded up, A may exceed what was known before: nothing was learnt in those directions.
+        let gained = symmetrized(&(inverse - NodeMatrix::identity())).symmetric_eigen();
+        let kept = NodeMatrix::from_diagonal(&gained.eigenvalues.map(|value| value.max(0.0)));
+        let told = gained.eigenvectors * kept * gained.eigenvectors.transpose();
+        let smoothed = symmetrized(&(NodeMatrix::identity() + told).try_inverse().ok_or_else(refused)?);
+        let smoothed_root = root * smoothed.cholesky().ok_or_else(refused)?.l();
+        let later_root = symmetrized(&later.covariance).cholesky().ok_or_else(refused)?.l();
+        let transition = later_root * self.transition * smoothed_root.try_inverse().ok_or_else(refused)?;
+        let mean = earlier.mean + root * self.shift;
+        let told_matrix = symmetrized(&(back.transpose() * told * back));
+        let left = NodeMatrix::identity() - self.transition * self.transition.transpose();
+        // j: (P₂⁻¹ + J)⁻¹ (P₂⁻¹ x̂₂ + j) is the smoothed mean.
+        let known = back.transpose() * back;
+        let noise = symmetrized(&(later_root * left * later_root.transpose()));
+        Ok(Step {
+            transition,
+            offset: later.mean - transition * mean,
+            noise: positive_part(&noise, &later.covariance).ok_or_else(refused)?,
+            told_matrix,
+            told_vector: told_matrix * mean + known * (mean - earlier.mean),
+        })
+    }
 }
 
 /// A server's packet, decoded.
@@ -153,7 +204,7 @@ impl Replica {
             exact,
         };
         if methods.joint
-            && let Some(step) = self.exact_step(packet, joint.as_ref())?
+            && let Some(step) = self.exact_step(packet, joint.as_ref(), methods.equation_6)?
         {
             return Ok(Some(plan(Method::ExactJoint, step, true)));
         }
@@ -172,7 +223,8 @@ impl Replica {
         let (Some(later), Some(earlier)) = (cross, self.cross_of_newest(packet.origin)) else {
             return Ok(None);
         };
-        let Ok(transition) = filtered_error_transition(&newest.filtered, &earlier, &later) else {
+        let Ok(transition) = filtered_error_transition(&newest.filtered, &earlier, &later, self.left_share())
+        else {
             return Ok(None);
         };
         let step = filtered_error_step(&newest.filtered, &packet.node.filtered, &transition)?;
@@ -264,6 +316,7 @@ impl Replica {
         &self,
         packet: &GraphPacket,
         joint: Option<&Information<8>>,
+        by_origin: bool,
     ) -> Result<Option<Step>, Error> {
         let Some(newest) = self.chain.newest() else { return Ok(None) };
         let of_joint = |joint: &Information<8>| {
@@ -271,11 +324,19 @@ impl Replica {
         };
         match packet.lags.iter().find(|(id, _)| *id == newest.id) {
             Some((_, Lag::Joint(joint))) => return of_joint(joint).map(Some),
-            Some((_, Lag::Step(step))) => return Ok(Some(*step)),
+            Some((_, Lag::Rounded(lag))) => {
+                return lag.step(&newest.filtered, &packet.node.filtered).map(Some);
+            }
             None => {}
         }
         match joint {
-            Some(joint) if packet.origin == newest.id => of_joint(joint).map(Some),
+            // An origin among the last transmissions is not told twice; an older one is where equation (6) is 0/0.
+            Some(joint)
+                if packet.origin == newest.id
+                    && (by_origin || packet.node.id - newest.id <= packet.lags.len() as u64 + 1) =>
+            {
+                of_joint(joint).map(Some)
+            }
             _ => Ok(None),
         }
     }
@@ -315,10 +376,16 @@ impl Replica {
                     return own;
                 }
                 let cross = self.memories[k].cross.filter(|_| k > place)?;
-                let transition = filtered_error_transition(&node.filtered, &anchored?, &cross).ok()?;
+                let transition =
+                    filtered_error_transition(&node.filtered, &anchored?, &cross, self.left_share()).ok()?;
                 Some(transition * own?)
             })
             .collect()
+    }
+
+    /// Below this share of the largest, a direction's correlation with the origin is rounding.
+    fn left_share(&self) -> f64 {
+        if self.scaled { ROUNDED_SHARE } else { EXACT_SHARE }
     }
 
     /// What a node's correlation with itself is: its covariance, or the factor of it.

@@ -71,6 +71,14 @@ pub enum PacketError {
         /// What the field holds.
         field: &'static str,
     },
+    /// A graph whose x and y differ, or depend on each other, in a form that holds one number for both.
+    #[error(
+        "x and y of the graph differ or are coupled by {apart}: this form is for senders whose axes are alike (GPS alone)"
+    )]
+    NotIsotropic {
+        /// By how much.
+        apart: f64,
+    },
     /// The packet ends inside a field.
     #[error("packet ends inside {field}: {needed_bits} bits needed, {left_bits} left")]
     Truncated {

@@ -36,7 +36,7 @@ mod cloud;
 mod error;
 mod field;
 pub mod graph;
-mod graph_rounded;
+pub mod graph_rounded;
 mod header;
 pub mod landmark;
 pub mod layout;

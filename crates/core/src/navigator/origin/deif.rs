@@ -292,7 +292,7 @@ impl Navigator for Deif {
             return Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes });
         }
         let server = &mut self.core.server;
-        server.launch(&launch)?;
+        server.launch(&launch, None)?;
         if let Repair::Repeat(repeats) = self.repair {
             server.forget_before((launch.node.id + 1).saturating_sub(repeats as u64));
         }

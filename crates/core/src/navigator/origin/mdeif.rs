@@ -21,6 +21,7 @@ use crate::link::{AckBitmap, Admission, ReceiveWindow};
 use crate::navigator::common::{load, save, seconds};
 use crate::navigator::{Estimate, Navigator, Outcome};
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
+use crate::packet::graph_rounded::rounded_lags;
 
 /// Options of [`Mdeif`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -250,7 +251,13 @@ impl Mdeif {
         let server = &self.core.server;
         match self.options.form {
             GraphForm::F64 => server.exact_packet(launch, self.options.exact_lags).map(Some),
-            form => server.rounded_packet(launch, form).map(Some),
+            form => {
+                // Acknowledgements of teammates take the room that an exact lag would fill.
+                let one_way = !self.uses_ranges(self.own);
+                let room = form != GraphForm::Frame32 || one_way;
+                let lags = if room { rounded_lags(form).min(self.options.exact_lags) } else { 0 };
+                server.rounded_packet(launch, form, lags).map(Some)
+            }
         }
     }
 }
@@ -278,7 +285,7 @@ impl Navigator for Mdeif {
         if let Some(now_ns) = server.filter.now_ns.filter(|now_ns| tol_ns < *now_ns) {
             return Err(Error::FromThePast { event_ns: tol_ns, now_ns });
         }
-        let Some(mut launch) = server.prepare(tol_ns) else { return Ok(None) };
+        let Some(launch) = server.prepare(tol_ns) else { return Ok(None) };
         let graph = self.packet(&launch)?;
         let bitmaps = if self.uses_ranges(self.own) {
             let others = self.core.peers.iter().enumerate().filter(|(v, _)| *v != usize::from(self.own));
@@ -298,9 +305,8 @@ impl Navigator for Mdeif {
         }
         match &message.graph {
             Some(graph) => {
-                // What clients hold of a node is what was sent of it.
-                launch.sent(graph);
-                self.core.server.launch(&launch)?;
+                let exact = self.options.form == GraphForm::F64;
+                self.core.server.launch(&launch, (!exact).then_some(graph.node.filtered))?;
             }
             None => {
                 self.core.server.sequencer.take()?;

@@ -11,7 +11,8 @@ use crate::information::{Chain, Gaussian, NODE, Node, NodeMatrix, Step, process}
 use crate::link::{AckBitmap, LinkError, Sequencer};
 use crate::navigator::Outcome;
 use crate::navigator::common::seconds;
-use crate::packet::graph::{GraphForm, lag_ids};
+use crate::packet::graph::{GraphForm, lag_ids, rounded_lag_ids};
+use crate::packet::graph_rounded::{Told, rounded};
 
 /// The local filter, its graph of launches, and what the clients hold of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -27,6 +28,8 @@ pub struct Server {
     /// What each client (by vehicle) acknowledged; none for who uses no packets of this vehicle.
     acknowledged: Vec<Option<AckBitmap>>,
     origin: Option<u64>,
+    /// Nodes as they were sent, where that is not what they are.
+    sent: Vec<(u64, Gaussian<NODE>)>,
 }
 
 /// A launch that has not been committed to.
@@ -37,13 +40,6 @@ pub struct Launch {
     /// From the last node.
     pub step: Step,
     filter: LocalFilter,
-}
-
-impl Launch {
-    /// Notes what the packet says of the node: what clients hold of it.
-    pub fn sent(&mut self, packet: &GraphPacket) {
-        self.node.filtered = packet.node.filtered;
-    }
 }
 
 impl Server {
@@ -64,6 +60,7 @@ impl Server {
             sequencer: Sequencer::new(),
             acknowledged,
             origin: None,
+            sent: Vec::new(),
         })
     }
 
@@ -149,13 +146,38 @@ impl Server {
         Ok(GraphPacket { node: launch.node, origin, tie: Tie::Joint(joint(place)?), lags: exact })
     }
 
-    /// What a rounded packet says.
+    /// What a rounded packet says; `lags` launches exactly, where the form has room.
     ///
     /// # Errors
     /// What rounding says of values that do not fit.
-    pub fn rounded_packet(&self, launch: &Launch, form: GraphForm) -> Result<GraphPacket, Error> {
-        let _ = (launch, form);
-        Err(Error::External("todo".into()))
+    pub fn rounded_packet(
+        &self,
+        launch: &Launch,
+        form: GraphForm,
+        lags: usize,
+    ) -> Result<GraphPacket, Error> {
+        let mut told = Told { node: launch.node, origin: None, lags: Vec::new() };
+        if let (Some(origin), Some(transition)) = (self.origin(), self.error_transition(launch)?) {
+            told.origin = Some((origin.id, self.sent_of(origin), transition));
+            for id in rounded_lag_ids(launch.node.id, origin.id).take(lags) {
+                let Some(place) = self.chain.place(id) else { break };
+                let node = &self.chain.nodes()[place];
+                told.lags.push((id, self.sent_of(node), self.step_to(launch, place)?));
+            }
+        }
+        loop {
+            match rounded(&told, form) {
+                Ok(packet) => return Ok(packet),
+                // An exact lag that does not fit its fields is left out: clients then use the filtered-error model.
+                Err(_) if told.lags.pop().is_some() => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+
+    /// What clients hold of a node.
+    fn sent_of(&self, node: &Node) -> Gaussian<NODE> {
+        self.sent.iter().find(|(id, _)| *id == node.id).map_or(node.filtered, |(_, sent)| *sent)
     }
 
     /// Φ(launch, origin): how the filtered error at the origin lives on in that of the launch.
@@ -184,7 +206,9 @@ impl Server {
     ///
     /// # Errors
     /// [`Error::Link`] when the counter is exhausted, or what composing steps says; nothing has changed then.
-    pub fn launch(&mut self, launch: &Launch) -> Result<(), Error> {
+    ///
+    /// `sent`: what clients hold of the node, where that is not what it is.
+    pub fn launch(&mut self, launch: &Launch, sent: Option<Gaussian<NODE>>) -> Result<(), Error> {
         let mut chain = self.chain.clone();
         chain.push(launch.step, launch.node);
         chain.bound(NODES_MAX)?;
@@ -193,6 +217,9 @@ impl Server {
         self.filter = launch.filter.clone();
         (self.since, self.since_ns) = (Step::identity(), launch.node.tol_ns);
         self.origin.get_or_insert(launch.node.id);
+        self.sent.extend(sent.map(|sent| (launch.node.id, sent)));
+        let chain = &self.chain;
+        self.sent.retain(|(id, _)| chain.place(*id).is_some());
         Ok(())
     }
 

@@ -1,0 +1,224 @@
+"""Recordings of ranges to beacons: factor graphs and the Plaza files, made up and, where they are at hand, real."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.io import loadmat, savemat
+from typer.testing import CliRunner
+
+import uwcoop
+from uwcoop.cli import app
+from uwcoop.errors import LogError, ScenarioError
+from uwcoop.missions import open_mission
+
+BEACONS = {"L0": (0.0, 0.0), "L1": (300.0, 0.0)}
+
+
+def circle(count: int, radius_m: float = 80.0) -> np.ndarray[Any, Any]:
+    """East, north, yaw of poses on a circle around (150, 120)."""
+    angle = np.linspace(0.0, 2 * math.pi, count)
+    return np.column_stack(
+        [150 + radius_m * np.cos(angle), 120 + radius_m * np.sin(angle), angle + math.pi / 2]
+    )
+
+
+def steps(poses: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Forward, left and turn from each pose to the next."""
+    moved, yaw = np.diff(poses[:, :2], axis=0), poses[:-1, 2]
+    forward = moved[:, 0] * np.cos(yaw) + moved[:, 1] * np.sin(yaw)
+    left = -moved[:, 0] * np.sin(yaw) + moved[:, 1] * np.cos(yaw)
+    return np.column_stack([forward, left, np.diff(poses[:, 2])])
+
+
+def graph_text(count: int = 60, odometer: float = 1.0, outlier: int | None = None, seed: int = 0) -> str:
+    """A factor graph of a vehicle on a circle, its odometer reading too much by a factor, ranges with 1 m of noise."""
+    rng = np.random.default_rng(seed)
+    poses = circle(count)
+    lines = [f"VERTEX_SE2 0.0 A{k} {e} {n} {yaw}" for k, (e, n, yaw) in enumerate(poses)]
+    lines += [f"VERTEX_XY {name} {e} {n}" for name, (e, n) in BEACONS.items()]
+    for k, (forward, left, turn) in enumerate(steps(poses) * (odometer, odometer, 1.0)):
+        lines.append(f"EDGE_SE2 0.0 A{k} A{k + 1} {forward} {left} {turn} 4e-4 0 0 4e-4 0 4e-6")
+    for k in range(1, count):
+        name = f"L{k % 2}"
+        away = math.dist(poses[k, :2], BEACONS[name]) + rng.standard_normal() + (90 if k == outlier else 0)
+        lines.append(f"EDGE_RANGE 0.0 A{k} {name} {away} 0.5625")
+    return "\n".join(lines) + "\n"
+
+
+TUNED = ["recording.sigma_range_m=1", "recording.sigma_beacon_m=0.1", "recording.sigma_odometry_m=1"]
+
+
+def own(summary: dict[str, Any], navigator: str) -> dict[str, Any]:
+    return next(iter(summary["navigators"][navigator]["vehicles"].values()))
+
+
+@pytest.fixture
+def graph(tmp_path: Path) -> Path:
+    path = tmp_path / "made.up.pyfg"
+    path.write_text(graph_text(odometer=1.1, outlier=40))
+    return path
+
+
+def test_a_pose_stands_at_its_second_and_beacons_stand_still(graph: Path) -> None:
+    log = open_mission(graph)
+    assert log.vehicles == ("auv", "L0", "L1")
+    assert log.duration_ns == 59_000_000_000
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth.position_m.values[0], circle(60)[:, :2])
+    np.testing.assert_allclose(log.truth.position_m.values[2], np.tile(BEACONS["L1"], (60, 1)))
+    o = log.opportunities
+    assert (np.diff(log.slots["tol_ns"]) > 0).all()
+    travelled = (o["toa_ns"] - o["tol_ns"]) * 1e-9 * log.link.sound_speed_mps
+    first = math.dist(circle(60)[1, :2], BEACONS["L1"])
+    assert travelled[o["sender"] == 2][0] == pytest.approx(first, abs=4)
+    assert (o["receiver"] == 0).all()
+
+
+def test_exact_odometry_leads_back_to_the_truth(tmp_path: Path) -> None:
+    path = tmp_path / "exact.pyfg"
+    path.write_text(graph_text())
+    summary = uwcoop.run(path, ["local-only"], clouds=False).summary
+    # The start is known to 0.1 m and its fix is exact.
+    assert own(summary, "local-only")["rmse_m"] < 1e-6
+
+
+def test_ranges_mend_an_odometer_and_an_outlier_is_gated_and_counted(graph: Path) -> None:
+    summary = uwcoop.run(graph, overrides=TUNED, clouds=False).summary
+    lost = own(summary, "local-only")["rmse_m"]
+    for navigator in ("cekf", "nekf"):
+        assert own(summary, navigator)["rmse_m"] < 0.5 * lost, navigator
+        assert own(summary, navigator)["rejected"] == 1, navigator
+    assert summary["navigators"]["local-only"]["packet_bytes"]["max"] is None
+
+
+def test_one_beacon_is_a_single_ship(graph: Path) -> None:
+    log = open_mission(graph, overrides=["recording.beacons=['L1']"])
+    assert log.vehicles == ("auv", "L1")
+    assert set(log.slots["sender"]) == {1}
+    with pytest.raises(LogError, match="has no beacon 'L7'"):
+        open_mission(graph, overrides=["recording.beacons=['L7']"])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "line"),
+    [
+        (
+            lambda text: text.replace("EDGE_RANGE 0.0 A1 ", "EDGE_RANGE 0.0 A1 X ", 1),
+            "has 7 words, EDGE_RANGE has 6",
+        ),
+        (
+            lambda text: text.replace("EDGE_RANGE 0.0 A1 L1", "EDGE_RANGE 0.0 A1 L9", 1),
+            "from A1 to L9: one of them",
+        ),
+        (
+            lambda text: text.replace("EDGE_SE2 0.0 A3 A4", "EDGE_SE2 0.0 A3 A9", 1),
+            "from A4 to A5 after A9: no chain",
+        ),
+        (lambda text: text.replace("VERTEX_XY L0 0.0", "VERTEX_XY L0 nan", 1), "is not a finite number"),
+        (lambda text: text + "EDGE_RANGE 0.0 A1 L0 -3 1\n", "range is -3 m, must be above 0"),
+        (lambda text: text + "FRAGMENT 1 2\n", "is 'FRAGMENT', must be one of VERTEX_XY"),
+        (lambda _: "", "has no odometry"),
+    ],
+)
+def test_damage_is_named_in_one_line(tmp_path: Path, spoil: Any, line: str) -> None:
+    path = tmp_path / "bad.pyfg"
+    path.write_text(spoil(graph_text()))
+    with pytest.raises(LogError, match=line) as error:
+        open_mission(path)
+    assert "\n" not in str(error.value)
+
+
+def test_options_are_checked_and_a_log_has_happened(graph: Path) -> None:
+    with pytest.raises(ScenarioError, match="unknown key 'sigma_rnage_m': did you mean 'sigma_range_m'"):
+        open_mission(graph, overrides=["recording.sigma_rnage_m=3"])
+    with pytest.raises(ScenarioError, match="has happened"):
+        open_mission(graph, overrides=["acoustics.slot_s=3"])
+    with pytest.raises(LogError, match="no such file"):
+        open_mission(graph.with_name("none.pyfg"))
+
+
+def test_the_command_line_runs_a_recording(graph: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    asked = ["run", str(graph), "-n", "cekf,nekf", "-o", str(out), "--figures"]
+    result = CliRunner().invoke(app, asked)
+    assert result.exit_code == 0, result.output
+    assert {"summary.json", "tracks.nc", "map.png", "uncertainty.png", "setup.png"} <= {
+        p.name for p in out.iterdir()
+    }
+    assert "not realisable" in result.output
+
+
+def mower(path: Path) -> Path:
+    poses = circle(400, 30.0)
+    time = 100.0 + 0.2 * np.arange(400)
+    moved = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    # A mower moves along its heading: half the turn before, half after.
+    dr = np.column_stack([time[1:], moved, np.diff(poses[:, 2])])
+    seen = range(5, 400, 5)
+    td = [[time[k], 2.0, k % 2, math.dist(poses[k, :2], BEACONS[f"L{k % 2}"])] for k in seen]
+    tl = [[0.0, *BEACONS["L0"]], [1.0, *BEACONS["L1"]]]
+    savemat(path, {"DR": dr, "GT": np.column_stack([time, poses]), "TD": np.array(td), "TL": np.array(tl)})
+    return path
+
+
+def test_plaza_files_are_read(tmp_path: Path) -> None:
+    path = mower(tmp_path / "Plaza9_.mat")
+    log = open_mission(path)
+    assert log.name == "Plaza9"
+    assert log.vehicles == ("mower", "L0", "L1")
+    summary = uwcoop.run(path, ["cekf"], clouds=False).summary
+    assert own(summary, "cekf")["rmse_m"] < 0.5
+    content = loadmat(path)
+    savemat(path, {name: content[name] for name in ("DR", "GT", "TL")})
+    with pytest.raises(LogError, match="has no table TD of 4 columns"):
+        open_mission(path)
+
+
+# --- recorded by others -------------------------------------------------------------------------------------
+
+
+def recorded(reference: Path, name: str) -> Path:
+    path = reference / "data" / name
+    if not path.is_file():
+        pytest.skip(f"no recording {path}")
+    return path
+
+
+@pytest.mark.parametrize(("run", "ins_m", "gated"), [(14, 5.82, 14), (15, 4.86, 1)])
+def test_goats(reference: Path, run: int, ins_m: float, gated: int) -> None:
+    path = recorded(reference, f"goats/goats_{run}.pyfg")
+    summary = uwcoop.run(path, ["local-only", "cekf"], clouds=False).summary
+    assert own(summary, "local-only")["rmse_m"] == pytest.approx(ins_m, abs=0.02)
+    assert own(summary, "cekf")["rejected"] == gated
+    assert own(summary, "cekf")["anees"] is not None
+    if run == 14:
+        assert own(summary, "cekf")["rmse_m"] < 0.75 * ins_m
+
+
+def test_plaza_against_a_graph_optimiser(reference: Path) -> None:
+    """The online error on the 1 Hz grid against that of an incremental smoother fed the same odometry and ranges."""
+    path = recorded(reference, "plaza/Plaza1_.mat")
+    ours = own(uwcoop.run(path, ["cekf"], clouds=False).summary, "cekf")["rmse_m"]
+    # What GTSAM 4.3's ISAM2 gave (studies/plaza_gtsam.py), updated at every range.
+    assert ours == pytest.approx(2.545, rel=0.05)
+
+
+@pytest.mark.long
+def test_plaza_against_gtsam_itself(reference: Path) -> None:
+    if importlib.util.find_spec("gtsam") is None:
+        pytest.skip("gtsam is not installed")
+    path = recorded(reference, "plaza/Plaza1_.mat")
+    study = Path(__file__).parents[1] / "studies" / "plaza_gtsam.py"
+    spec = importlib.util.spec_from_file_location("plaza_gtsam", study)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    ours, theirs = module.compared(path)
+    assert ours == pytest.approx(theirs, rel=0.05)
