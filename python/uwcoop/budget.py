@@ -226,6 +226,7 @@ def _packet(
 
     def ready() -> tuple[_native.Navigator, int]:
         navigator = build(name, context, options_of(name, tables), None)
+        assert isinstance(navigator, _native.Navigator)
         launch_ns = _under_way(navigator, tables["acoustics"]["slot_s"] * vehicles)
         if tag_bytes:
             # The key does not change the length; the team's own stays where it is.
