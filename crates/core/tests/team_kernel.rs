@@ -77,7 +77,8 @@ impl World {
         let mut rows = vec![0.0; weighing * COUNT];
         let mut innovation = [vec![0.0; COUNT], vec![0.0; COUNT]];
         let [east, north] = &self.own;
-        let program = Program { base, ops, terrain, own: Own { at: [[east, north], [north, east]] } };
+        let program =
+            Program { base, ops, terrain, own: Own { at: [[east, north], [north, east]] }, current: None };
         let mut scratch = Vec::new();
         let mut joints = Joints {
             dim: DIM,
@@ -169,7 +170,7 @@ fn depths(curvature: f64) -> Vec<f32> {
 
 fn terrain(values: &[f32], dof: f64) -> Terrain<'_> {
     let grid = Grid { values, rows: SIDE, cols: SIDE, east0_m: 0.0, north0_m: 0.0, cell_m: 1.0 };
-    Terrain { chart: grid, filled: grid, sigma: MapSigma::Uniform(0.1), dof, residual_weight: 1.0 }
+    Terrain { chart: grid, filled: grid, sigma: MapSigma::Uniform(0.1), dof }
 }
 
 fn sounding(water_depth_m: f64, shared: f64) -> Op {

@@ -23,7 +23,7 @@ fn layouts_are_what_the_documentation_says() {
     let sixteen = layout(16, 32);
     assert_eq!((sixteen.pieces(), sixteen.soundings(), sixteen.has_ranges()), (6, 5, false));
     let sixteen = layout(16, 64);
-    assert_eq!((sixteen.soundings(), sixteen.has_ranges()), (9, true));
+    assert_eq!((sixteen.soundings(), sixteen.has_ranges()), (10, true));
     for vehicles in 2..=16 {
         for frame_bytes in [32, 64, 96] {
             let layout = layout(vehicles, frame_bytes);

@@ -41,11 +41,8 @@ fn team_navigator(
         packet_spacing_m: named.number("packet_spacing_m")?,
         group_size: named.count("group_size")?,
         least_ess_share: named.number("packet_least_ess_share")?,
-        residual_weight: named.number("residual_weight")?,
-        teammate_walk_m_per_sqrt_s: named.number("teammate_walk_m_per_sqrt_s")?,
         current_difference: named.number("current_difference")?,
         offset_difference_m: named.maybe("offset_difference_m")?.unwrap_or(f64::INFINITY),
-        packet_temper: named.number("packet_temper")?,
         fill_reach_m: named.number("fill_reach_m")?,
     };
     let chart = chart.map(|c| c.inner.clone());

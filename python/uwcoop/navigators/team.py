@@ -41,17 +41,11 @@ class TeamOptions(MpfOptions):
     left out, everything else stays exact."""
     packet_least_ess_share: Annotated[float, Field(ge=0, le=0.5)] = 0.02
     """A packet that would leave a smaller effective share of the particles has its weight quartered, six times at most."""
-    residual_weight: Positive = 1.0
-    """What a linearised sounding leaves out counts as noise with this weight."""
-    teammate_walk_m_per_sqrt_s: NonNegative = 0.0
-    """White noise of a teammate's position beside its drift."""
     current_difference: Share = 1.0
     """How much of a teammate's current is its own: 1 where currents have nothing in common; below, prior and walk of the
     difference to this vehicle's own current are this share of the drift's."""
     offset_difference_m: NonNegative | None = None
     """Sigma of a teammate's datum offset (tide) minus this vehicle's own; None: they have nothing in common."""
-    packet_temper: Share = 1.0
-    """Exponent of a packet's weights."""
     fill_reach_m: Positive = 60.0
     """Over holes no wider than this a teammate's sounding is linearised on a filled copy of the chart."""
 

@@ -131,8 +131,6 @@ pub struct Terrain<'a> {
     pub sigma: MapSigma<'a>,
     /// Degrees of freedom of Student's t; infinite for a Gaussian.
     pub dof: f64,
-    /// What the linearisation leaves out counts as noise with this weight: neighbouring soundings share it.
-    pub residual_weight: f64,
 }
 
 /// Own positions of each particle at two instants: at the last launch, and at the packet's arrival.
@@ -414,7 +412,7 @@ fn sounding(
         let east = (d1 - north * l21[l]) / l11[l];
         let innovation = water_depth_m - mean - mb[l];
         nu[l] = if on_chart { innovation } else { 0.0 };
-        rho[l] = if residual > 0.0 { terrain.residual_weight * residual } else { 0.0 };
+        rho[l] = if residual > 0.0 { residual } else { 0.0 };
         gn[l] = if on_chart { north } else { 0.0 };
         ge[l] = if on_chart { east } else { 0.0 };
     }

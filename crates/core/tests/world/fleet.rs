@@ -26,6 +26,8 @@ pub fn team_options(vehicles: usize, particles: usize) -> TeamOptions {
         packet_spacing_m: 0.0,
         group_size: 4,
         least_ess_share: 0.02,
+        current_difference: 1.0,
+        offset_difference_m: f64::INFINITY,
         fill_reach_m: 60.0,
     }
 }
@@ -49,6 +51,11 @@ pub enum Act {
 
 /// Everything that happens to the navigators in `seconds`, but for what they say.
 pub fn acts(vehicles: u16, seconds: i64) -> Vec<Act> {
+    acts_over(vehicles, seconds, rich_depth)
+}
+
+/// The same over another seabed.
+pub fn acts_over(vehicles: u16, seconds: i64, depth: fn(f64, f64) -> f64) -> Vec<Act> {
     let mut all = Vec::new();
     for v in 0..vehicles {
         all.push(Act::Event(fix(0, v, track(v, 0.0), 4.0)));
@@ -60,7 +67,7 @@ pub fn acts(vehicles: u16, seconds: i64) -> Vec<Act> {
         for v in 0..vehicles {
             let mut vehicle = Vehicle::new(v, |t| track(v, t));
             vehicle.sounding_errors_m = errors[usize::from(v)].clone();
-            all.extend(vehicle.second(second, rich_depth).into_iter().map(Act::Event));
+            all.extend(vehicle.second(second, depth).into_iter().map(Act::Event));
         }
         if second % SLOT_S == 0 && second > 0 {
             let vehicle = (second / SLOT_S % i64::from(vehicles)) as u16;

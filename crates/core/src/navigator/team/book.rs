@@ -75,12 +75,6 @@ impl Book {
         }
     }
 
-    /// When the last packet was launched.
-    #[must_use]
-    pub fn last_tol_ns(&self) -> Option<i64> {
-        self.last_tol_ns
-    }
-
     /// Time passes with a commanded velocity.
     pub fn advance(&mut self, t_ns: i64, velocity_mps: [f64; 2]) {
         let Some(track) = &mut self.track else {

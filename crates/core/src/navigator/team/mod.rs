@@ -56,18 +56,12 @@ pub struct TeamOptions {
     pub group_size: usize,
     /// A packet whose weights would leave a smaller effective share of the particles is softened.
     pub least_ess_share: f64,
-    /// What a linearised sounding leaves out counts as noise with this weight.
-    pub residual_weight: f64,
-    /// White noise of a teammate's position beside its drift, m/√s.
-    pub teammate_walk_m_per_sqrt_s: f64,
     /// How much of a teammate's current is its own: 1 for currents that have nothing in common; below, the prior and
     /// walk of the difference to this vehicle's current are this share of the drift's.
     pub current_difference: f64,
     /// Standard deviation of a teammate's datum offset (tide) minus this vehicle's, m; infinite for offsets that have
     /// nothing in common.
     pub offset_difference_m: f64,
-    /// Exponent of a packet's weights.
-    pub packet_temper: f64,
     /// How far the outer points of a sounding may lie from a depth of the chart, m.
     pub fill_reach_m: f64,
 }

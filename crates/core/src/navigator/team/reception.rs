@@ -140,8 +140,6 @@ impl<const K: usize> Team<K> {
         self.scratch.program.trace(&self.scratch.report, tol_ns, &mate);
         let shift_m = self.depth_shift(index, base, tol_ns, &mate);
         let mut drift = self.options.drifts[usize::from(sender)];
-        drift.sigma_position_m_per_sqrt_s =
-            drift.sigma_position_m_per_sqrt_s.hypot(self.options.teammate_walk_m_per_sqrt_s);
         let share = self.options.current_difference.min(1.0);
         drift.sigma_current_mps_per_sqrt_s *= share;
         if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.mpf.state.core.now_ns()) {
@@ -236,7 +234,6 @@ impl<const K: usize> Team<K> {
                     }
                 },
                 dof: options.student_dof,
-                residual_weight: self.options.residual_weight,
             }
         });
         let program = Run {
@@ -300,9 +297,6 @@ impl<const K: usize> Team<K> {
     /// Weighs the particles by a packet, softened if it would leave too few.
     fn weigh(&mut self, mut column: Vec<f64>) {
         let cloud = &mut self.mpf.state.core.cloud;
-        if self.options.packet_temper < 1.0 {
-            column.iter_mut().for_each(|l| *l *= self.options.packet_temper);
-        }
         let least = self.options.least_ess_share * cloud.len() as f64;
         for _ in 0..SOFTENINGS {
             if least <= 0.0 || cloud.ess_after(&column) >= least {
