@@ -56,8 +56,9 @@ class MdeifOptions(OriginOptions):
 
     packet_form: PacketForm = "f64"
     """Form of a broadcast: float64 for studies, or quantised for a frame of so many bytes. Follows `acoustics.packet`."""
-    exact_lags: Annotated[int, Field(ge=0, le=8)] = 2
-    """With how many of the last transmissions an f64 packet holds the exact joint."""
+    exact_lags: Annotated[int, Field(ge=0, le=8)] = 6
+    """With how many of the last transmissions an f64 packet holds the exact joint. With so many, hardly a gap needs
+    the filtered-error model, which costs a receiver 5-10 % of variance each time."""
     use_joint: bool = True
     """Reconstruct by the exact joint with the last node where the packet holds it."""
     use_equation_6: bool = True

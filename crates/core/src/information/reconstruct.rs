@@ -125,28 +125,40 @@ pub fn filtered_error_step(
     })
 }
 
-/// G from the covariances of two filtered errors with the same origin's: Σ₃₀ Σ₂₀⁻¹ = Φ₃ Φ₂⁻¹.
+/// G from the correlations of two filtered errors with the same origin's: Σ₃₀ Σ₂₀⁻¹ = Φ₃ Φ₂⁻¹.
+///
+/// Directions of x₂ in which nothing of the origin is left (the velocity of a vehicle with a DVL, after seconds) cannot be
+/// solved for, and tell nothing of x₃ either: they are left out.
 ///
 /// # Errors
-/// [`Error::NotPositiveDefinite`] when nothing of the origin is left in the earlier one.
+/// [`Error::NotPositiveDefinite`] when nothing of the origin is left in the earlier one at all.
 pub fn filtered_error_transition(
+    earlier: &Gaussian<NODE>,
     earlier_cross: &NodeMatrix,
     later_cross: &NodeMatrix,
 ) -> Result<NodeMatrix, Error> {
+    /// Singular values below this share of the largest are rounding.
+    const LEFT_SHARE: f64 = 1e-6;
     let refused = || Error::NotPositiveDefinite { quantity: "correlation with the origin" };
-    // Both shrink together as the origin ages; scaled, their determinants stay away from the smallest numbers.
+    // Both shrink together as the origin ages; scaled, they stay away from the smallest numbers.
     let scale = earlier_cross.amax();
     if !(scale > 0.0 && scale.is_finite()) {
         return Err(refused());
     }
-    let inverse = (earlier_cross / scale).try_inverse().ok_or_else(refused)?;
-    let transition = (later_cross / scale) * inverse;
+    let root = symmetrized(&earlier.covariance).cholesky().ok_or_else(refused)?.l();
+    let back = root.try_inverse().ok_or_else(refused)?;
+    let inverse = (back * (earlier_cross / scale))
+        .svd(true, true)
+        .pseudo_inverse(LEFT_SHARE * (back * (earlier_cross / scale)).norm())
+        .map_err(|_| refused())?;
+    let transition = (later_cross / scale) * inverse * back;
     if transition.iter().all(|value| value.is_finite()) { Ok(transition) } else { Err(refused()) }
 }
 
-/// A symmetric matrix without its negative part, if that is rounding against `scale`; `None` if it is more.
+/// A symmetric matrix without its negative part, if that is little against `scale` (rounded packets may
+/// correlate a little too much); `None` if it is more.
 fn positive_part(matrix: &NodeMatrix, scale: &NodeMatrix) -> Option<NodeMatrix> {
-    const ROUNDING: f64 = 1e-9;
+    const ROUNDING: f64 = 0.05;
     let root = symmetrized(scale).cholesky()?.l();
     let back = root.try_inverse()?;
     let whitened = symmetrized(&(back * matrix * back.transpose())).symmetric_eigen();

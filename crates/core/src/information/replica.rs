@@ -172,7 +172,9 @@ impl Replica {
         let (Some(later), Some(earlier)) = (cross, self.cross_of_newest(packet.origin)) else {
             return Ok(None);
         };
-        let Ok(transition) = filtered_error_transition(&earlier, &later) else { return Ok(None) };
+        let Ok(transition) = filtered_error_transition(&newest.filtered, &earlier, &later) else {
+            return Ok(None);
+        };
         let step = filtered_error_step(&newest.filtered, &packet.node.filtered, &transition)?;
         Ok(Some(plan(Method::FilteredError, step, false)))
     }
@@ -305,18 +307,16 @@ impl Replica {
 
     /// Correlations of all nodes with the one at `place`, as [`Replica::anchor`] would have them there.
     fn crosses_by(&self, place: usize) -> Vec<Option<NodeMatrix>> {
-        let own = self.own_cross(&self.chain.nodes()[place]);
-        let inverse = self.memories[place].cross.and_then(|cross| {
-            let scale = cross.amax();
-            (cross / scale).try_inverse().map(|inverse| inverse / scale)
-        });
+        let node = &self.chain.nodes()[place];
+        let (own, anchored) = (self.own_cross(node), self.memories[place].cross);
         (0..self.memories.len())
             .map(|k| {
                 if k == place {
                     return own;
                 }
-                let moved = self.memories[k].cross? * inverse? * own?;
-                (k > place && moved.iter().all(|value| value.is_finite())).then_some(moved)
+                let cross = self.memories[k].cross.filter(|_| k > place)?;
+                let transition = filtered_error_transition(&node.filtered, &anchored?, &cross).ok()?;
+                Some(transition * own?)
             })
             .collect()
     }

@@ -259,11 +259,11 @@ impl Navigator for Deif {
             }
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
                 let outcome = self.receive(*sender, *tol_ns, *toa_ns, bytes)?;
-                self.core.server.filter.now_ns = Some(event.t_ns);
+                self.core.server.filter.advance(event.t_ns);
                 Ok(outcome)
             }
             Payload::Delivered { tol_ns, to } => {
-                self.core.server.filter.now_ns = Some(event.t_ns);
+                self.core.server.filter.advance(event.t_ns);
                 Ok(self.delivered(*tol_ns, *to))
             }
             payload => {

@@ -51,6 +51,8 @@ struct Counts {
     equation_6: u64,
     filtered_error: u64,
     unknown_origin: u64,
+    unread: u64,
+    unsound: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -171,7 +173,10 @@ impl Mdeif {
         toa_ns: i64,
         bytes: &[u8],
     ) -> Result<Outcome, Error> {
-        let Some((message, admission)) = self.read(sender, tol_ns, bytes) else { return Ok(self.reject()) };
+        let Some((message, admission)) = self.read(sender, tol_ns, bytes) else {
+            self.core.counts.unread += 1;
+            return Ok(self.reject());
+        };
         let outcome = match message.graph.as_ref().filter(|_| self.uses_ranges(self.own)) {
             Some(graph) => self.take(sender, graph, &message, tol_ns, toa_ns)?,
             None => Outcome::Noted,
@@ -209,7 +214,10 @@ impl Mdeif {
                 self.core.counts.unknown_origin += 1;
                 return Ok(self.reject());
             }
-            Err(_) => return Ok(self.reject()),
+            Err(_) => {
+                self.core.counts.unsound += 1;
+                return Ok(self.reject());
+            }
         };
         let news = match plan.method {
             Method::Begun => News::First(plan.node.filtered),
@@ -253,7 +261,7 @@ impl Navigator for Mdeif {
         self.check_sender(&event.payload)?;
         if let Payload::Reception { sender, tol_ns, toa_ns, bytes } = &event.payload {
             let outcome = self.receive(*sender, *tol_ns, *toa_ns, bytes)?;
-            self.core.server.filter.now_ns = Some(event.t_ns);
+            self.core.server.filter.advance(event.t_ns);
             return Ok(outcome);
         }
         let mut server = self.core.server.clone();
@@ -332,6 +340,8 @@ impl Navigator for Mdeif {
             ("equation_6", counts.equation_6 as f64),
             ("filtered_error", counts.filtered_error as f64),
             ("unknown_origin", counts.unknown_origin as f64),
+            ("unread", counts.unread as f64),
+            ("unsound", counts.unsound as f64),
         ]
     }
 }
