@@ -302,7 +302,7 @@ fn forged(random: &mut Random, known: &[(u16, i64, Arc<[u8]>)]) -> (u16, i64, Ve
         }
         3 => bytes.truncate(random.below(bytes.len())),
         4 => (0..=random.below(40)).for_each(|_| bytes.push(random.next() as u8)),
-        5 => tol_ns += 1 + random.below(1_000_000_000) as i64,
+        5 => tol_ns += 1 + random.below(900_000_000) as i64,
         6 => sender = 2 - sender,
         _ => {
             let length = random.below(70);
