@@ -136,7 +136,7 @@ def test_mixtures_reach_the_optimum(golden: Any, modes: int) -> None:
     count = len(case["polar"])
     fitted = kernels.fit_gaussian_mixture(
         np.full(count, 1 / count), case["polar"], CIRCULAR, modes,
-        iterations=3000, tolerance=1e-14, first_means=case[f"mu{modes}"],
+        iterations=3000, tolerance=1e-14, first=tuple(case[f"{name}{modes}"] for name in ("w", "mu", "S")),
     )  # fmt: skip
     order, expected = np.argsort(fitted["means"][:, 3]), np.argsort(case[f"mu{modes}"][:, 3])
     near(fitted["weights"][order], case[f"w{modes}"][expected], 1e-5)

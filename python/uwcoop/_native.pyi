@@ -284,7 +284,7 @@ def fit_gaussian_mixture(
     ridge_one: float = 1e-9,
     ridge_many: float = 1e-3,
     seed: int = 0,
-    first_means: _F8 | None = None,
+    first: tuple[_F8, _F8, _F8] | None = None,
 ) -> dict[str, Any]: ...
 def expand_exchange(weights: _F8, means: _F8, covariances: _F8, normals: _F8) -> _F8: ...
 def encode_exchange(

@@ -267,19 +267,19 @@ fn fit_of<'py, const D: usize>(
     choose_by: Option<&str>,
     options: &FitOptions,
     seed: u64,
-    first_means: Option<&Rows<'py>>,
+    first: Option<&First<'py>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let x: Vec<SVector<f64, D>> = rows::<D>(points, "points")?.into_iter().map(SVector::from).collect();
     same("weights", weights.len(), x.len())?;
     same("circular", circular.len(), D)?;
     let wraps: [bool; D] = std::array::from_fn(|k| circular[k]);
     let stream = Streams::new(seed, 0).at(Purpose::Belief, 0);
-    let first: Option<Vec<SVector<f64, D>>> = match first_means {
-        Some(means) => Some(rows::<D>(means, "first_means")?.into_iter().map(SVector::from).collect()),
+    let first = match first {
+        Some((w, means, covariances)) => Some(modes_of::<D>(w, means, covariances)?),
         None => None,
     };
     let fitted = match (choose_by, first) {
-        (_, Some(means)) => fit_from(&x, weights, wraps, &means, options),
+        (_, Some(modes)) => fit_from(&x, weights, wraps, &modes, options),
         (None, None) => fit_best(&x, weights, wraps, modes, options, &stream),
         (Some(word), None) => select(&x, weights, wraps, modes, criterion(word)?, options, x.len(), &stream),
     };
@@ -290,9 +290,9 @@ fn fit_of<'py, const D: usize>(
 
 /// A Gaussian mixture of weighted (N, D) points, D = 2, 3 or 6, by EM with k-means++ starts; `circular` says which
 /// coordinates are angles. With `choose_by` = bic or aic, `modes` is the most, counted on distinct points; with
-/// `first_means` (modes, D) EM climbs from there and nowhere else.
+/// `first` = (weights, means, covariances) EM climbs from those modes and nowhere else.
 #[pyfunction]
-#[pyo3(signature = (weights, points, circular, modes, *, choose_by = None, starts = 3, iterations = 200, tolerance = 1e-9, ridge_one = 1e-9, ridge_many = 1e-3, seed = 0, first_means = None))]
+#[pyo3(signature = (weights, points, circular, modes, *, choose_by = None, starts = 3, iterations = 200, tolerance = 1e-9, ridge_one = 1e-9, ridge_many = 1e-3, seed = 0, first = None))]
 #[allow(clippy::too_many_arguments)]
 fn fit_gaussian_mixture<'py>(
     py: Python<'py>,
@@ -307,11 +307,11 @@ fn fit_gaussian_mixture<'py>(
     ridge_one: f64,
     ridge_many: f64,
     seed: u64,
-    first_means: Option<Rows<'py>>,
+    first: Option<First<'py>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let w = weights.as_array().to_vec();
     let options = FitOptions { starts, iterations, tolerance, ridge_one, ridge_many };
-    let first = first_means.as_ref();
+    let first = first.as_ref();
     match points.shape()[1] {
         2 => fit_of::<2>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
         3 => fit_of::<3>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
@@ -320,15 +320,18 @@ fn fit_gaussian_mixture<'py>(
     }
 }
 
-fn modes_of(
+/// Weights, means, covariances.
+type First<'py> = (Column<'py>, Rows<'py>, PyReadonlyArray3<'py, f64>);
+
+fn modes_of<const D: usize>(
     weights: &Column<'_>,
     means: &Rows<'_>,
     covariances: &PyReadonlyArray3<'_, f64>,
-) -> PyResult<Vec<Mode<6>>> {
-    let (w, mu) = (weights.as_array().to_vec(), rows::<6>(means, "means")?);
+) -> PyResult<Vec<Mode<D>>> {
+    let (w, mu) = (weights.as_array().to_vec(), rows::<D>(means, "means")?);
     same("means", mu.len(), w.len())?;
-    if covariances.shape() != [w.len(), 6, 6] {
-        return Err(argument(format!("covariances has shape {:?}, not (K, 6, 6)", covariances.shape())));
+    if covariances.shape() != [w.len(), D, D] {
+        return Err(argument(format!("covariances has shape {:?}, not (K, {D}, {D})", covariances.shape())));
     }
     let s = covariances.as_array();
     Ok((0..w.len())

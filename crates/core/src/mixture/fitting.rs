@@ -175,28 +175,27 @@ pub fn fit_from<const D: usize>(
     points: &[SVector<f64, D>],
     weights: &[f64],
     circular: Circular<D>,
-    means: &[SVector<f64, D>],
+    first: &[Mode<D>],
     options: &FitOptions,
 ) -> Option<Fitted<D>> {
-    if points.is_empty() || means.is_empty() || weights.len() != points.len() {
+    if points.is_empty() || first.is_empty() || weights.len() != points.len() {
         return None;
     }
     let centred = centre(points, weights, circular);
     let white = Whitened::of(&centred, weights)?;
     let inverse = white.root.try_inverse()?;
-    let count = means.len();
-    let first = means
-        .iter()
-        .map(|m| {
-            let mut d = m - white.mean;
-            for k in (0..D).filter(|k| circular[*k]) {
-                d[k] = wrap(d[k]);
-            }
-            let covariance = SMatrix::identity() / (count * count) as f64;
-            Mode { weight: 1.0 / count as f64, mean: inverse * d, covariance }
-        })
-        .collect();
-    let run = climb(&white, weights, first, options)?;
+    let whitened = |mode: &Mode<D>| {
+        let mut d = mode.mean - white.mean;
+        for k in (0..D).filter(|k| circular[*k]) {
+            d[k] = wrap(d[k]);
+        }
+        Mode {
+            weight: mode.weight,
+            mean: inverse * d,
+            covariance: inverse * mode.covariance * inverse.transpose(),
+        }
+    };
+    let run = climb(&white, weights, first.iter().map(whitened).collect(), options)?;
     Some(report(&white, run, circular, points.len()))
 }
 

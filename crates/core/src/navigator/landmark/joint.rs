@@ -1,13 +1,17 @@
-//! One Gaussian over the own pose, the landmark's pose and the sensors' biases.
+//! One Gaussian over the mover as the landmark sees it, the landmark's pose and the sensors' biases.
+//!
+//! Positioning and odometry speak of the relative pose alone. With it as the state, nothing that is measured has a
+//! derivative by the landmark's own pose, so a chain of exchanges cannot gain knowledge of the common heading, which
+//! nobody measures, from linearising at different poses.
 
-use nalgebra::{Matrix2x3, Matrix3, Matrix6, Rotation2, SMatrix, SVector, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Matrix6, Rotation2, SMatrix, SVector, Vector2, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
-use super::model::{Measurement, Pose, to_polar, wrap};
+use super::model::{Measurement, Pose, wrap};
 use super::odometry::Increment;
 use crate::mixture::Mode;
 
-/// Own pose (3), landmark's pose (3), gyro bias, DVL scale, DVL misalignment.
+/// Own pose in the landmark's frame (3), landmark's pose in the world (3), gyro bias, DVL scale, DVL misalignment.
 pub const STATES: usize = 9;
 /// Mean of all states.
 pub type State = SVector<f64, STATES>;
@@ -17,7 +21,7 @@ pub type Covariance = SMatrix<f64, STATES, STATES>;
 /// Mean and covariance, angles wrapped.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Joint {
-    /// [own e, n, yaw, landmark e, n, yaw, gyro bias rad/s, DVL scale, DVL misalignment rad].
+    /// [own forward, left, yaw of the landmark; landmark e, n, yaw; gyro bias rad/s, DVL scale, misalignment rad].
     pub mean: State,
     /// Its covariance.
     pub covariance: Covariance,
@@ -27,28 +31,41 @@ pub struct Joint {
 const FLOOR: [f64; 3] = [1e-8, 1e-8, 3e-10];
 
 impl Joint {
-    /// A start: own pose and biases apart, the landmark known exactly.
+    /// A start: own pose in the world and biases apart, the landmark known exactly.
     #[must_use]
-    pub fn new(
-        own: Vector3<f64>,
-        own_covariance: Matrix3<f64>,
-        landmark: Pose,
-        bias_sigma: [f64; 3],
-    ) -> Self {
+    pub fn new(own: Pose, own_covariance: &Matrix3<f64>, landmark: Pose, bias_sigma: [f64; 3]) -> Self {
         let mut joint = Self { mean: State::zeros(), covariance: Covariance::zeros() };
-        joint.mean.fixed_rows_mut::<3>(0).copy_from(&own);
         joint.mean.fixed_rows_mut::<3>(3).copy_from(&Vector3::from(landmark));
-        joint.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&own_covariance);
         for (k, sigma) in bias_sigma.into_iter().enumerate() {
             joint.covariance[(6 + k, 6 + k)] = sigma * sigma;
         }
+        joint.stand(own, own_covariance);
         joint
     }
 
-    /// Own pose.
+    /// Sets the own pose in the world, apart from everything else.
+    pub fn stand(&mut self, own: Pose, own_covariance: &Matrix3<f64>) {
+        let landmark = Vector3::from(self.landmark());
+        let z = between(&landmark, &Vector3::from(own));
+        let mut frame = Matrix3::<f64>::identity();
+        frame.fixed_view_mut::<2, 2>(0, 0).copy_from(Rotation2::new(-landmark.z).matrix());
+        self.mean.fixed_rows_mut::<3>(0).copy_from(&z);
+        self.covariance.fixed_view_mut::<3, STATES>(0, 0).fill(0.0);
+        self.covariance.fixed_view_mut::<STATES, 3>(0, 0).fill(0.0);
+        let seen = frame * own_covariance * frame.transpose();
+        self.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(&seen);
+    }
+
+    /// Own pose as the landmark sees it.
+    #[must_use]
+    pub fn seen(&self) -> Pose {
+        [self.mean[0], self.mean[1], self.mean[2]]
+    }
+
+    /// Own pose in the world.
     #[must_use]
     pub fn own(&self) -> Pose {
-        [self.mean[0], self.mean[1], self.mean[2]]
+        compose(&Vector3::from(self.landmark()), &Vector3::from(self.seen())).into()
     }
 
     /// The landmark's.
@@ -61,6 +78,24 @@ impl Joint {
     #[must_use]
     pub fn bias(&self) -> Vector3<f64> {
         self.mean.fixed_rows::<3>(6).into_owned()
+    }
+
+    /// Derivative of the own pose in the world by the states.
+    #[must_use]
+    pub fn own_rows(&self) -> SMatrix<f64, 3, STATES> {
+        let (by_landmark, by_seen) =
+            composed_by(&Vector3::from(self.landmark()), &Vector3::from(self.seen()));
+        let mut rows = SMatrix::<f64, 3, STATES>::zeros();
+        rows.fixed_view_mut::<3, 3>(0, 0).copy_from(&by_seen);
+        rows.fixed_view_mut::<3, 3>(0, 3).copy_from(&by_landmark);
+        rows
+    }
+
+    /// Covariance of the own pose in the world.
+    #[must_use]
+    pub fn own_covariance(&self) -> Matrix3<f64> {
+        let rows = self.own_rows();
+        rows * self.covariance * rows.transpose()
     }
 
     /// Moves the own pose by pre-integrated odometry; the gyro's bias walks by `walk` rad/s/√s.
@@ -105,45 +140,31 @@ impl Joint {
         measured: f64,
         delay: &Increment,
     ) -> (f64, SMatrix<f64, 1, STATES>) {
-        let (own, landmark) = (self.own(), self.landmark());
+        let own = self.seen();
         let at = at_transmit(own, delay, &self.bias());
         // How the position at transmission turns with the yaw at reception.
         let swing = Vector2::new(-(own[1] - at[1]), own[0] - at[0]);
-        let here = Vector2::new(own[0] - landmark[0], own[1] - landmark[1]);
-        let there = Vector2::new(at[0] - landmark[0], at[1] - landmark[1]);
+        let (here, there) = (Vector2::new(own[0], own[1]), Vector2::new(at[0], at[1]));
         let mut row = SMatrix::<f64, 1, STATES>::zeros();
-        let mut put = |k: usize, g: Vector2<f64>| {
-            row[k] += g.x;
-            row[k + 1] += g.y;
-        };
         // Where the two stand on one spot a direction says nothing.
         let (r_here, r_there) = (here.norm().max(1e-3), there.norm().max(1e-3));
-        let innovation = match channel {
+        match channel {
             0 => {
                 let (u, v) = (here / r_here * 0.5, there / r_there * 0.5);
-                put(0, u + v);
-                put(3, -u - v);
-                // d(at)/d(yaw) = −d(own − at)/d(yaw).
-                row[2] = -v.dot(&swing);
-                measured - 0.5 * (r_here + r_there)
+                (row[0], row[1], row[2]) = (u.x + v.x, u.y + v.y, -v.dot(&swing));
+                (measured - 0.5 * (r_here + r_there), row)
             }
             1 => {
                 let g = Vector2::new(-here.y, here.x) / (r_here * r_here);
-                put(0, g);
-                put(3, -g);
-                row[2] = -1.0;
-                wrap(measured + own[2] - (-here.y).atan2(-here.x))
+                (row[0], row[1], row[2]) = (g.x, g.y, -1.0);
+                (wrap(measured + own[2] - (-here.y).atan2(-here.x)), row)
             }
             _ => {
                 let g = Vector2::new(-there.y, there.x) / (r_there * r_there);
-                put(0, g);
-                put(3, -g);
-                row[2] = -g.dot(&swing);
-                row[5] = -1.0;
-                wrap(measured + landmark[2] - there.y.atan2(there.x))
+                (row[0], row[1], row[2]) = (g.x, g.y, -g.dot(&swing));
+                (wrap(measured - there.y.atan2(there.x)), row)
             }
-        };
-        (innovation, row)
+        }
     }
 
     /// One scalar measurement; `outlier` is (ε, W). Returns the share of the measurement that was believed.
@@ -165,151 +186,156 @@ impl Joint {
         });
         let gain = cross / s;
         self.mean += gain * (believed * innovation);
-        self.mean[2] = wrap(self.mean[2]);
-        self.mean[5] = wrap(self.mean[5]);
+        self.wrap();
         let spread = believed * (1.0 - believed) * innovation * innovation - believed * s;
         self.covariance = symmetric(&(self.covariance + gain * gain.transpose() * spread));
         believed
     }
 
+    /// A position in the world; false, and nothing changed, if it contradicts the belief by more than χ² `gate`.
+    pub fn fix(&mut self, position_m: [f64; 2], noise: &nalgebra::Matrix2<f64>, gate: f64) -> bool {
+        let rows = self.own_rows().fixed_view::<2, STATES>(0, 0).into_owned();
+        let own = self.own();
+        let innovation = Vector2::new(position_m[0] - own[0], position_m[1] - own[1]);
+        let s = rows * self.covariance * rows.transpose() + noise;
+        let Some(inverse) = s.try_inverse() else { return false };
+        if innovation.dot(&(inverse * innovation)) > gate {
+            return false;
+        }
+        let gain = self.covariance * rows.transpose() * inverse;
+        self.mean += gain * innovation;
+        self.wrap();
+        self.covariance = symmetric(&(self.covariance - gain * s * gain.transpose()));
+        true
+    }
+
+    fn wrap(&mut self) {
+        for k in [2, 5] {
+            self.mean[k] = wrap(self.mean[k]);
+        }
+    }
+
     /// Own pose as the landmark sees it, and its covariance.
     #[must_use]
     pub fn relative(&self) -> (Vector3<f64>, Matrix3<f64>) {
-        let (z, j) = relative(self.own(), self.landmark());
-        let p = self.covariance.fixed_view::<6, 6>(0, 0);
-        (z, j * p * j.transpose())
+        (Vector3::from(self.seen()), self.covariance.fixed_view::<3, 3>(0, 0).into_owned())
     }
 
-    /// Own pose := the landmark's ⊕ z; biases stay, their correlation with the old own pose goes.
+    /// Own pose := what several positionings say; its correlation with everything else goes.
     pub fn place_own(&mut self, z: &Vector3<f64>, covariance: &Matrix3<f64>) {
-        let landmark = self.landmark();
-        let turn = Rotation2::new(landmark[2]);
-        let arm = turn * Vector2::new(z.x, z.y);
-        let mut by_landmark = Matrix3::identity();
-        by_landmark[(0, 2)] = -arm.y;
-        by_landmark[(1, 2)] = arm.x;
-        let mut frame = Matrix3::identity();
-        frame.fixed_view_mut::<2, 2>(0, 0).copy_from(turn.matrix());
-        let mut from = Covariance::identity();
-        from.fixed_view_mut::<3, 3>(0, 0).fill(0.0);
-        from.fixed_view_mut::<3, 3>(0, 3).copy_from(&by_landmark);
-        let mut p = from * self.covariance * from.transpose();
-        let own = p.fixed_view::<3, 3>(0, 0) + frame * covariance * frame.transpose();
-        p.fixed_view_mut::<3, 3>(0, 0).copy_from(&own);
-        self.covariance = symmetric(&p);
-        self.mean[0] = landmark[0] + arm.x;
-        self.mean[1] = landmark[1] + arm.y;
-        self.mean[2] = wrap(landmark[2] + z.z);
+        self.covariance.fixed_view_mut::<3, STATES>(0, 0).fill(0.0);
+        self.covariance.fixed_view_mut::<STATES, 3>(0, 0).fill(0.0);
+        self.covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(covariance);
+        self.mean.fixed_rows_mut::<3>(0).copy_from(z);
     }
 
-    /// The landmark's pose := the own one seen from where the own pose is z: a landmark that nobody told of.
+    /// The landmark := where one must stand that sees the own pose at z: a landmark that nobody told of.
     pub fn place_landmark(&mut self, z: &Vector3<f64>, covariance: &Matrix3<f64>) {
-        let own = self.own();
-        let yaw = wrap(own[2] - z.z);
-        let turn = Rotation2::new(yaw);
-        let arm = turn * Vector2::new(z.x, z.y);
-        // L = own − R(ψ − z_ψ) z.
-        let mut by_own = Matrix3::identity();
-        by_own[(0, 2)] = arm.y;
-        by_own[(1, 2)] = -arm.x;
-        let mut by_z = -Matrix3::identity();
-        by_z.fixed_view_mut::<2, 2>(0, 0).copy_from(&-turn.matrix());
-        by_z[(0, 2)] = -arm.y;
-        by_z[(1, 2)] = arm.x;
+        let own = Vector3::from(self.own());
+        let back = between(z, &Vector3::zeros());
+        let (by_own, by_back) = composed_by(&own, &back);
         let mut from = Covariance::identity();
-        from.fixed_view_mut::<3, 3>(3, 3).fill(0.0);
-        from.fixed_view_mut::<3, 3>(3, 0).copy_from(&by_own);
-        let mut p = from * self.covariance * from.transpose();
-        let landmark = p.fixed_view::<3, 3>(3, 3) + by_z * covariance * by_z.transpose();
-        p.fixed_view_mut::<3, 3>(3, 3).copy_from(&landmark);
-        self.covariance = symmetric(&p);
-        self.mean[3] = own[0] - arm.x;
-        self.mean[4] = own[1] - arm.y;
-        self.mean[5] = yaw;
+        from.fixed_view_mut::<6, STATES>(0, 0).fill(0.0);
+        from.fixed_view_mut::<3, STATES>(3, 0).copy_from(&(by_own * self.own_rows()));
+        let mut by_z = SMatrix::<f64, STATES, 3>::zeros();
+        by_z.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
+        by_z.fixed_view_mut::<3, 3>(3, 0).copy_from(&(by_back * inverse_by(z)));
+        self.covariance =
+            symmetric(&(from * self.covariance * from.transpose() + by_z * covariance * by_z.transpose()));
+        self.mean.fixed_rows_mut::<3>(3).copy_from(&compose(&own, &back));
+        self.mean.fixed_rows_mut::<3>(0).copy_from(z);
     }
 
     /// The pair (own, landmark) in the packet's coordinates.
     #[must_use]
     pub fn polar(&self) -> Mode<6> {
-        let (own, landmark) = (self.own(), self.landmark());
-        let u = to_polar(own, landmark);
-        let j = polar_by_poses(&u);
+        let [x, y, yaw] = self.seen();
+        let rho = x.hypot(y);
+        let r = rho.max(1e-3);
+        let [e, n, landmark_yaw] = self.landmark();
+        let mean = Vector6::new(e, n, landmark_yaw, rho, y.atan2(x), yaw);
+        let mut j = Matrix6::zeros();
+        for k in 0..3 {
+            j[(k, 3 + k)] = 1.0;
+        }
+        (j[(3, 0)], j[(3, 1)]) = (x / r, y / r);
+        (j[(4, 0)], j[(4, 1)]) = (-y / (r * r), x / (r * r));
+        j[(5, 2)] = 1.0;
         let p = self.covariance.fixed_view::<6, 6>(0, 0);
-        Mode { weight: 1.0, mean: Vector6::from(u), covariance: j * p * j.transpose() }
+        Mode { weight: 1.0, mean, covariance: j * p * j.transpose() }
     }
 
-    /// Biases of this belief given a new one on the own pose, which `sent` was when it was broadcast.
-    ///
-    /// The packet holds (M, L); L is this vehicle. Own pose := L, landmark := M, and what is known of the biases given
-    /// the own pose stays: their correlation comes back with the packet, for no bytes.
+    /// The old landmark's turn. The packet holds (M, L); L is this vehicle, whose belief at its own last broadcast was
+    /// `sent`: own := L, landmark := M, and what was known of the biases given the own pose stays: their correlation
+    /// comes back with the packet, for no bytes.
     pub fn take_over(&mut self, sent: &Self, pair: &Pair) {
-        let own: Matrix3<f64> = sent.covariance.fixed_view::<3, 3>(0, 0).into_owned();
-        let cross: Matrix3<f64> = sent.covariance.fixed_view::<3, 3>(6, 0).into_owned();
-        let gain = gain_on(&own, &cross);
-        let shift = difference(&pair.landmark(), &Vector3::from(sent.own()));
-        let bias = sent.bias() + gain * shift;
-        let own_now: Matrix3<f64> = pair.covariance.fixed_view::<3, 3>(3, 3).into_owned();
+        let rows = sent.own_rows();
+        let own = sent.own_covariance();
+        let cross: SMatrix<f64, 3, STATES> = rows * sent.covariance;
+        let bias_cross: Matrix3<f64> = cross.fixed_view::<3, 3>(0, 6).transpose();
+        let gain = gain_on(&own, &bias_cross);
+        let bias = sent.bias() + gain * difference(&pair.landmark, &Vector3::from(sent.own()));
         let left = sent.covariance.fixed_view::<3, 3>(6, 6) - gain * own * gain.transpose();
-        let mut p = Covariance::zeros();
-        p.fixed_view_mut::<3, 3>(0, 0).copy_from(&own_now);
-        p.fixed_view_mut::<3, 3>(3, 3).copy_from(&pair.covariance.fixed_view::<3, 3>(0, 0));
-        let pose_cross = pair.covariance.fixed_view::<3, 3>(3, 0);
-        p.fixed_view_mut::<3, 3>(0, 3).copy_from(&pose_cross);
-        p.fixed_view_mut::<3, 3>(6, 6).copy_from(&(left + gain * own_now * gain.transpose()));
-        p.fixed_view_mut::<3, 3>(6, 0).copy_from(&(gain * own_now));
-        p.fixed_view_mut::<3, 3>(6, 3).copy_from(&(gain * pose_cross));
-        mirror(&mut p);
+        // Seen from M, L stands at z⁻¹; M itself at L ⊕ z.
+        let (by_landmark, by_seen) = composed_by(&pair.landmark, &pair.seen);
+        let mut from = SMatrix::<f64, STATES, 6>::zeros();
+        from.fixed_view_mut::<3, 3>(0, 3).copy_from(&inverse_by(&pair.seen));
+        from.fixed_view_mut::<3, 3>(3, 0).copy_from(&by_landmark);
+        from.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_seen);
+        from.fixed_view_mut::<3, 3>(6, 0).copy_from(&gain);
+        let mut p = from * pair.covariance * from.transpose();
+        let bias_now = p.fixed_view::<3, 3>(6, 6) + left;
+        p.fixed_view_mut::<3, 3>(6, 6).copy_from(&bias_now);
         self.covariance = symmetric(&p);
-        self.mean.fixed_rows_mut::<3>(0).copy_from(&pair.landmark());
-        self.mean.fixed_rows_mut::<3>(3).copy_from(&pair.mover());
+        self.mean.fixed_rows_mut::<3>(0).copy_from(&between(&pair.seen, &Vector3::zeros()));
+        self.mean.fixed_rows_mut::<3>(3).copy_from(&compose(&pair.landmark, &pair.seen));
         self.mean.fixed_rows_mut::<3>(6).copy_from(&bias);
+        self.wrap();
     }
 
-    /// A follower's update: own pose and biases given the *old* landmark pose that the packet carries, then the new
+    /// A follower's turn: own pose and biases given the *old* landmark pose that the packet carries, then the new
     /// landmark in its place. G = Cov(X, L) Cov(L)⁻¹.
     pub fn follow(&mut self, pair: &Pair) {
-        let pick = |joint: &Covariance| {
-            let mut cross = SMatrix::<f64, 6, 3>::zeros();
-            cross.fixed_view_mut::<3, 3>(0, 0).copy_from(&joint.fixed_view::<3, 3>(0, 3));
-            cross.fixed_view_mut::<3, 3>(3, 0).copy_from(&joint.fixed_view::<3, 3>(6, 3));
-            cross
-        };
-        let mut x = Matrix6::zeros();
-        for (a, i) in [0, 1, 2, 6, 7, 8].into_iter().enumerate() {
-            for (b, j) in [0, 1, 2, 6, 7, 8].into_iter().enumerate() {
-                x[(a, b)] = self.covariance[(i, j)];
-            }
-        }
+        let held = [0, 1, 2, 6, 7, 8];
         let old: Matrix3<f64> = self.covariance.fixed_view::<3, 3>(3, 3).into_owned();
-        let gain = gain_on(&old, &pick(&self.covariance));
-        let shift = gain * difference(&pair.landmark(), &Vector3::from(self.landmark()));
-        let now: Matrix3<f64> = pair.covariance.fixed_view::<3, 3>(3, 3).into_owned();
-        let x = x - gain * old * gain.transpose() + gain * now * gain.transpose();
-        let cross = gain * pair.covariance.fixed_view::<3, 3>(3, 0);
-        let mut p = Covariance::zeros();
-        for (a, i) in [0, 1, 2, 6, 7, 8].into_iter().enumerate() {
+        let cross = SMatrix::<f64, 6, 3>::from_fn(|r, c| self.covariance[(held[r], 3 + c)]);
+        let gain = gain_on(&old, &cross);
+        let shift = gain * difference(&pair.landmark, &Vector3::from(self.landmark()));
+        let x = SMatrix::<f64, 6, 6>::from_fn(|r, c| self.covariance[(held[r], held[c])]);
+        for (a, i) in held.into_iter().enumerate() {
             self.mean[i] += shift[a];
-            for (b, j) in [0, 1, 2, 6, 7, 8].into_iter().enumerate() {
-                p[(i, j)] = x[(a, b)];
-            }
-            for j in 0..3 {
-                p[(i, 3 + j)] = cross[(a, j)];
-                p[(3 + j, i)] = cross[(a, j)];
-            }
         }
-        p.fixed_view_mut::<3, 3>(3, 3).copy_from(&pair.covariance.fixed_view::<3, 3>(0, 0));
-        self.mean[2] = wrap(self.mean[2]);
-        self.mean.fixed_rows_mut::<3>(3).copy_from(&pair.mover());
-        self.covariance = symmetric(&p);
+        // Over (own seen from L, biases, L, M seen from L).
+        let mut wide = SMatrix::<f64, 12, 12>::zeros();
+        let mut by_pair = SMatrix::<f64, 12, 6>::zeros();
+        by_pair.fixed_view_mut::<6, 3>(0, 0).copy_from(&gain);
+        by_pair.fixed_view_mut::<6, 6>(6, 0).copy_from(&Matrix6::identity());
+        wide.fixed_view_mut::<6, 6>(0, 0).copy_from(&(x - gain * old * gain.transpose()));
+        wide += by_pair * pair.covariance * by_pair.transpose();
+        let seen = Vector3::from(self.seen());
+        let (by_mover, by_own) = between_by(&pair.seen, &seen);
+        let (by_landmark, by_seen) = composed_by(&pair.landmark, &pair.seen);
+        let mut from = SMatrix::<f64, STATES, 12>::zeros();
+        from.fixed_view_mut::<3, 3>(0, 0).copy_from(&by_own);
+        from.fixed_view_mut::<3, 3>(0, 9).copy_from(&by_mover);
+        from.fixed_view_mut::<3, 3>(3, 6).copy_from(&by_landmark);
+        from.fixed_view_mut::<3, 3>(3, 9).copy_from(&by_seen);
+        from.fixed_view_mut::<3, 3>(6, 3).copy_from(&Matrix3::identity());
+        self.covariance = symmetric(&(from * wide * from.transpose()));
+        self.mean.fixed_rows_mut::<3>(0).copy_from(&between(&pair.seen, &seen));
+        self.mean.fixed_rows_mut::<3>(3).copy_from(&compose(&pair.landmark, &pair.seen));
+        self.wrap();
     }
 }
 
-/// What an exchange packet says, as poses: covariance over (M, L).
+/// What an exchange packet says: the old landmark in the world, and the mover as it sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Pair {
-    /// [M, L].
-    pub mean: Vector6<f64>,
-    /// Over (M, L).
+    /// L.
+    pub landmark: Vector3<f64>,
+    /// M in L's frame.
+    pub seen: Vector3<f64>,
+    /// Over (L, M in L's frame).
     pub covariance: Matrix6<f64>,
 }
 
@@ -334,20 +360,59 @@ impl Pair {
                 (m.covariance + d * d.transpose()) * (m.weight / total)
             })
             .sum();
-        let u: [f64; 6] = (first.mean + shift).into();
-        let (mover, landmark) = super::model::from_polar(u);
-        let mean = Vector6::from_iterator(mover.into_iter().chain(landmark));
-        let j = poses_by_polar(&u);
-        Some(Self { mean, covariance: j * covariance * j.transpose() })
+        let u = first.mean + shift;
+        let (s, c) = u[4].sin_cos();
+        let rho = u[3];
+        let mut j = Matrix6::identity();
+        (j[(3, 3)], j[(3, 4)]) = (c, -rho * s);
+        (j[(4, 3)], j[(4, 4)]) = (s, rho * c);
+        Some(Self {
+            landmark: Vector3::new(u[0], u[1], wrap(u[2])),
+            seen: Vector3::new(rho * c, rho * s, wrap(u[5])),
+            covariance: j * covariance * j.transpose(),
+        })
     }
+}
 
-    fn mover(&self) -> Vector3<f64> {
-        self.mean.fixed_rows::<3>(0).into_owned()
-    }
+/// a ⊕ b: b's pose in the world, given in a's frame.
+fn compose(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
+    let arm = Rotation2::new(a.z) * Vector2::new(b.x, b.y);
+    Vector3::new(a.x + arm.x, a.y + arm.y, wrap(a.z + b.z))
+}
 
-    fn landmark(&self) -> Vector3<f64> {
-        self.mean.fixed_rows::<3>(3).into_owned()
-    }
+/// Derivatives of a ⊕ b by a and by b.
+fn composed_by(a: &Vector3<f64>, b: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
+    let turn = Rotation2::new(a.z);
+    let arm = turn * Vector2::new(b.x, b.y);
+    let mut by_a = Matrix3::identity();
+    by_a[(0, 2)] = -arm.y;
+    by_a[(1, 2)] = arm.x;
+    let mut by_b = Matrix3::identity();
+    by_b.fixed_view_mut::<2, 2>(0, 0).copy_from(turn.matrix());
+    (by_a, by_b)
+}
+
+/// a⁻¹ ⊕ b: b as a sees it.
+fn between(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
+    let arm = Rotation2::new(-a.z) * Vector2::new(b.x - a.x, b.y - a.y);
+    Vector3::new(arm.x, arm.y, wrap(b.z - a.z))
+}
+
+/// Derivatives of a⁻¹ ⊕ b by a and by b.
+fn between_by(a: &Vector3<f64>, b: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
+    let back = Rotation2::new(-a.z);
+    let arm = back * Vector2::new(b.x - a.x, b.y - a.y);
+    let mut by_b = Matrix3::identity();
+    by_b.fixed_view_mut::<2, 2>(0, 0).copy_from(back.matrix());
+    let mut by_a = -by_b;
+    by_a[(0, 2)] = arm.y;
+    by_a[(1, 2)] = -arm.x;
+    (by_a, by_b)
+}
+
+/// Derivative of z⁻¹ by z.
+fn inverse_by(z: &Vector3<f64>) -> Matrix3<f64> {
+    between_by(z, &Vector3::zeros()).0
 }
 
 /// Where the mover was at transmission.
@@ -357,20 +422,6 @@ pub fn at_transmit(own: Pose, delay: &Increment, bias: &Vector3<f64>) -> Pose {
     let before = own[2] - yaw;
     let moved = Rotation2::new(before) * displacement;
     [own[0] - moved.x, own[1] - moved.y, wrap(before)]
-}
-
-/// Own pose in the landmark's frame, and its derivative by (own, landmark).
-fn relative(own: Pose, landmark: Pose) -> (Vector3<f64>, SMatrix<f64, 3, 6>) {
-    let back = Rotation2::new(-landmark[2]);
-    let z = back * Vector2::new(own[0] - landmark[0], own[1] - landmark[1]);
-    let mut j = SMatrix::<f64, 3, 6>::zeros();
-    j.fixed_view_mut::<2, 2>(0, 0).copy_from(back.matrix());
-    j.fixed_view_mut::<2, 2>(0, 3).copy_from(&-back.matrix());
-    j[(0, 5)] = z.y;
-    j[(1, 5)] = -z.x;
-    j[(2, 2)] = 1.0;
-    j[(2, 5)] = -1.0;
-    (Vector3::new(z.x, z.y, wrap(own[2] - landmark[2])), j)
 }
 
 /// One positioning as the own pose at reception in the landmark's frame (23)–(25), with its covariance.
@@ -395,45 +446,6 @@ pub fn seen(
     Some((Vector3::new(here.x, here.y, turned), j * noise * j.transpose()))
 }
 
-/// Derivative of the polar form by (M, L).
-fn polar_by_poses(u: &[f64; 6]) -> Matrix6<f64> {
-    let (s, c) = (u[2] + u[4]).sin_cos();
-    let r = u[3].max(1e-3);
-    let mut j = Matrix6::zeros();
-    for k in 0..3 {
-        j[(k, 3 + k)] = 1.0;
-    }
-    for (row, g) in [(3, [c, s]), (4, [-s / r, c / r])] {
-        for (k, value) in g.into_iter().enumerate() {
-            j[(row, k)] = value;
-            j[(row, 3 + k)] = -value;
-        }
-    }
-    j[(4, 5)] = -1.0;
-    j[(5, 2)] = 1.0;
-    j[(5, 5)] = -1.0;
-    j
-}
-
-/// Derivative of (M, L) by the polar form.
-fn poses_by_polar(u: &[f64; 6]) -> Matrix6<f64> {
-    let (s, c) = (u[2] + u[4]).sin_cos();
-    let r = u[3];
-    let mut j = Matrix6::zeros();
-    for k in 0..3 {
-        j[(k, k)] = 1.0;
-        j[(3 + k, k)] = 1.0;
-    }
-    for column in [2, 4] {
-        j[(0, column)] = -r * s;
-        j[(1, column)] = r * c;
-    }
-    j[(0, 3)] = c;
-    j[(1, 3)] = s;
-    j[(2, 5)] = 1.0;
-    j
-}
-
 /// Cov(X, Y) Cov(Y)⁻¹; what is known exactly tells nothing.
 fn gain_on<const N: usize>(y: &Matrix3<f64>, cross: &SMatrix<f64, N, 3>) -> SMatrix<f64, N, 3> {
     let held = y + Matrix3::from_diagonal(&Vector3::from(FLOOR));
@@ -442,14 +454,6 @@ fn gain_on<const N: usize>(y: &Matrix3<f64>, cross: &SMatrix<f64, N, 3>) -> SMat
 
 fn difference(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(a.x - b.x, a.y - b.y, wrap(a.z - b.z))
-}
-
-/// Copies the blocks that were set to their mirror images.
-fn mirror(p: &mut Covariance) {
-    for (row, column) in [(0, 3), (6, 0), (6, 3)] {
-        let block: Matrix3<f64> = p.fixed_view::<3, 3>(row, column).transpose();
-        p.fixed_view_mut::<3, 3>(column, row).copy_from(&block);
-    }
 }
 
 fn symmetric(p: &Covariance) -> Covariance {
@@ -475,11 +479,4 @@ pub fn carried(
     let p =
         transition * covariance * transition.transpose() + frame * increment.covariance * frame.transpose();
     (Vector3::new(pose.x + moved.x, pose.y + moved.y, wrap(pose.z + yaw)), p)
-}
-
-/// Position rows of a pose block, for callers that want [ee, en, nn].
-#[must_use]
-pub fn position_block(p: &Matrix3<f64>) -> [f64; 3] {
-    let top: Matrix2x3<f64> = p.fixed_view::<2, 3>(0, 0).into_owned();
-    [top[(0, 0)], top[(0, 1)], top[(1, 1)]]
 }

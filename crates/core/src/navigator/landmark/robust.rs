@@ -105,7 +105,7 @@ impl Landmark {
         options.validate()?;
         let mut unknown = Matrix3::zeros();
         unknown[(2, 2)] = UNKNOWN_YAW;
-        let joint = Joint::new(Vector3::zeros(), unknown, options.first_landmark, options.bias_sigma);
+        let joint = Joint::new([0.0; 3], &unknown, options.first_landmark, options.bias_sigma);
         let state = State {
             odometer: Odometer::default(),
             joint,
@@ -152,51 +152,44 @@ impl Landmark {
         }
     }
 
-    fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
+    fn fix(&mut self, position_m: [f64; 2], [ee, en, nn]: [f64; 3]) -> Outcome {
         self.settle();
         let joint = &mut self.state.joint;
         if !self.state.positioned {
             self.state.positioned = true;
-            let [ee, en, nn] = covariance_m2;
-            for (r, c, v) in [(0, 0, ee), (0, 1, en), (1, 0, en), (1, 1, nn)] {
-                joint.covariance[(r, c)] = v;
-            }
-            joint.mean[0] = position_m[0];
-            joint.mean[1] = position_m[1];
+            let yaw_variance = joint.own_covariance()[(2, 2)];
+            let start = Matrix3::new(ee, en, 0.0, en, nn, 0.0, 0.0, 0.0, yaw_variance);
+            joint.stand([position_m[0], position_m[1], joint.own()[2]], &start);
             return Outcome::Fused;
         }
-        let noise =
-            nalgebra::Matrix2::new(covariance_m2[0], covariance_m2[1], covariance_m2[1], covariance_m2[2]);
-        let innovation = nalgebra::Vector2::new(position_m[0] - joint.mean[0], position_m[1] - joint.mean[1]);
-        let s = joint.covariance.fixed_view::<2, 2>(0, 0) + noise;
-        let Some(inverse) = s.try_inverse() else { return self.gated() };
-        if innovation.dot(&(inverse * innovation)) > FIX_GATE {
+        if !joint.fix(position_m, &nalgebra::Matrix2::new(ee, en, en, nn), FIX_GATE) {
             return self.gated();
         }
-        let gain = joint.covariance.fixed_view::<9, 2>(0, 0) * inverse;
-        joint.mean += gain * innovation;
-        joint.covariance -= gain * s * gain.transpose();
         self.state.scatter = None;
         Outcome::Fused
     }
 
     fn heading(&mut self, yaw_rad: f64, sigma_rad: f64) -> Outcome {
         self.settle();
-        let mut row = nalgebra::SMatrix::<f64, 1, 9>::zeros();
-        row[2] = 1.0;
         let joint = &mut self.state.joint;
-        let variance = sigma_rad * sigma_rad;
+        let variance = (sigma_rad * sigma_rad).max(1e-12);
+        let spread = joint.own_covariance();
+        let own = joint.own();
         // Nothing was known: what the compass says is all there is.
-        if joint.covariance[(2, 2)] >= UNKNOWN_YAW {
-            joint.mean[2] = super::model::wrap(yaw_rad);
-            joint.covariance[(2, 2)] = variance;
+        if spread[(2, 2)] >= UNKNOWN_YAW {
+            let mut start = spread;
+            start.fill_row(2, 0.0);
+            start.fill_column(2, 0.0);
+            start[(2, 2)] = variance;
+            joint.stand([own[0], own[1], super::model::wrap(yaw_rad)], &start);
             return Outcome::Fused;
         }
-        let innovation = super::model::wrap(yaw_rad - joint.mean[2]);
-        if innovation * innovation > FIX_GATE * (joint.covariance[(2, 2)] + variance) {
+        let innovation = super::model::wrap(yaw_rad - own[2]);
+        if innovation * innovation > FIX_GATE * (spread[(2, 2)] + variance) {
             return self.gated();
         }
-        joint.update(innovation, &row, variance.max(1e-12), None);
+        let row = joint.own_rows().fixed_view::<1, 9>(2, 0).into_owned();
+        joint.update(innovation, &row, variance, None);
         self.state.scatter = None;
         Outcome::Fused
     }
@@ -220,9 +213,8 @@ impl Landmark {
         }
         self.choose_core();
         let joint = &self.state.joint;
-        let own = joint.own();
-        let at = at_transmit(own, &delay, &joint.bias());
-        self.state.counts.offsets = offsets(own, at, joint.landmark(), measured);
+        let at = at_transmit(joint.seen(), &delay, &joint.bias());
+        self.state.counts.offsets = offsets(joint.seen(), at, [0.0; 3], measured);
         let outcome = match self.state.scatter {
             Some(_) => self.weigh(measured, &delay),
             None => self.correct(measured, &delay),
@@ -514,9 +506,9 @@ impl Navigator for Landmark {
         }
         let mut rest = self.state.rest;
         rest.apply(&mut joint);
-        let p = &joint.covariance;
+        let (own, p) = (joint.own(), joint.own_covariance());
         let (mean_m, covariance_m2) = if self.state.positioned {
-            ([joint.mean[0], joint.mean[1]], [p[(0, 0)], p[(0, 1)], p[(1, 1)]])
+            ([own[0], own[1]], [p[(0, 0)], p[(0, 1)], p[(1, 1)]])
         } else {
             ([f64::NAN; 2], [f64::INFINITY, 0.0, f64::INFINITY])
         };
@@ -524,7 +516,7 @@ impl Navigator for Landmark {
             t_ns,
             mean_m,
             covariance_m2,
-            yaw: self.state.positioned.then(|| (joint.mean[2], [p[(2, 0)], p[(2, 1)], p[(2, 2)]])),
+            yaw: self.state.positioned.then(|| (own[2], [p[(2, 0)], p[(2, 1)], p[(2, 2)]])),
             ess: self.state.scatter.as_ref().map(Scatter::ess),
             rejected: self.state.counts.rejected,
             status,
@@ -541,11 +533,9 @@ impl Navigator for Landmark {
     }
 
     fn particles(&self) -> Option<Particles> {
-        self.state.scatter.as_ref().map(|s| Particles {
-            east: s.states.iter().map(|x| x[0]).collect(),
-            north: s.states.iter().map(|x| x[1]).collect(),
-            weights: s.weights.clone(),
-        })
+        let scatter = self.state.scatter.as_ref()?;
+        let (east, north) = scatter.positions();
+        Some(Particles { east, north, weights: scatter.weights.clone() })
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

@@ -5,7 +5,7 @@ use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::joint::{Covariance, Joint, STATES, State, at_transmit};
-use super::model::{Acoustics, Gate, Measurement, log_likelihoods, offsets, to_polar, wrap};
+use super::model::{Acoustics, Gate, Measurement, log_likelihoods, offsets, wrap};
 use super::odometry::Increment;
 use crate::kernels::landmark::systematic_resample;
 use crate::noise::Stream;
@@ -124,7 +124,8 @@ impl Scatter {
             .map(|(x, w)| {
                 let own = [x[0], x[1], x[2]];
                 let at = at_transmit(own, delay, &x.fixed_rows::<3>(6).into_owned());
-                let [a, b] = log_likelihoods(offsets(own, at, [x[3], x[4], x[5]], measured), acoustics, gate);
+                // In the landmark's frame: it stands at home.
+                let [a, b] = log_likelihoods(offsets(own, at, [0.0; 3], measured), acoustics, gate);
                 a + b + w.max(1e-300).ln()
             })
             .collect();
@@ -165,7 +166,19 @@ impl Scatter {
         self.weights.fill(1.0 / n as f64);
     }
 
-    /// Mardia's kurtosis of (own, landmark) over that of a Gaussian: 1 for one, above for tails and several modes.
+    /// Own positions in the world: easting and northing, m.
+    #[must_use]
+    pub fn positions(&self) -> (Vec<f64>, Vec<f64>) {
+        self.states
+            .iter()
+            .map(|x| {
+                let (s, c) = x[5].sin_cos();
+                (x[3] + c * x[0] - s * x[1], x[4] + s * x[0] + c * x[1])
+            })
+            .unzip()
+    }
+
+    /// Mardia's kurtosis of the own pose over that of a Gaussian: 1 for one, above for tails and several modes.
     #[must_use]
     pub fn kurtosis_ratio(&self) -> f64 {
         let joint = self.joint();
@@ -187,7 +200,13 @@ impl Scatter {
     /// The samples in the packet's coordinates.
     #[must_use]
     pub fn polar(&self) -> Vec<SVector<f64, 6>> {
-        self.states.iter().map(|x| SVector::from(to_polar([x[0], x[1], x[2]], [x[3], x[4], x[5]]))).collect()
+        self.states
+            .iter()
+            .map(|x| {
+                let [x_, y_, yaw] = [x[0], x[1], x[2]];
+                SVector::from([x[3], x[4], x[5], x_.hypot(y_), y_.atan2(x_), yaw])
+            })
+            .collect()
     }
 }
 
