@@ -296,12 +296,12 @@ def _table(cases: Mapping[str, Row], key: str) -> str:
 HEADER = """\
 # Alternating landmark
 
-Two hovering vehicles take turns as the landmark (Matsuda et al. 2017). Run k has seed k for every line of a table, 50 runs
-unless it says otherwise. A run's error is the root mean square over both (all) vehicles and all instants after the first 100 s; the tables give its
-median over runs. *Within*: share of runs whose error is at most 0.3 m and 1.0°, what the paper reports. *Failed*: share
-of runs in which one vehicle's is above 1 m or 5°. State NEES: of east, north and yaw, per degree of freedom, mean over
-runs; ideal 1, above it overconfident. Resets: of all runs together, or reconstructions of particles a run. Measured on
-{machine}.
+Two hovering vehicles take turns as the landmark (Matsuda et al. 2017). Run k has seed k for every line of a table, 50
+runs unless it says otherwise. A run's error is the root mean square over both (all) vehicles and all instants after the
+first 100 s; the tables give its median over runs. *Within*: share of runs whose error is at most 0.3 m and 1.0°, what
+the paper reports. *Failed*: share of runs in which one vehicle's is above 1 m or 5°. State NEES: of east, north and
+yaw, per degree of freedom, mean over runs; ideal 1, above it overconfident. Resets: of all runs together, or
+reconstructions of particles a run. Measured on {machine}.
 """
 RECORDED = (
     "Real robots (UTIAS MRCLAM, data set 6)",
@@ -342,7 +342,7 @@ def main() -> None:
         found = (
             recorded(runs, told.processes)
             if key == "recorded"
-            else many(TABLES[key][2], runs, told.processes)
+            else many(TABLES[key][2], told.runs, told.processes)
         )
         if found is not None:
             kept["tables"][key] = {label: summary(rows) for label, rows in found.items()}
