@@ -40,8 +40,8 @@ const CLASS_SIGMA: [f64; 6] = [0.15, 0.15, 0.35 * DEGREE, 0.075, 0.15 * DEGREE, 
 enum Sigmas {
     /// One class for all six; true: the least that covers them, false: nearest to the geometric mean.
     Class { cover: bool },
-    /// Six codes: σ = base · 2^(q / per_octave).
-    Each { bits: u32, per_octave: f64, base_m: f64, base_rad: f64, up: bool },
+    /// Six codes of (bits, steps per octave): σ = base · 2^(q / steps).
+    Each { codes: [(u32, f64); 6], base_m: f64, base_rad: f64, up: bool },
 }
 
 /// One size of one format.
@@ -53,8 +53,8 @@ pub struct Layout {
     bits: [u32; 6],
     steps_per_m: [f64; 2],
     sigmas: Sigmas,
-    /// Width and scale of a correlation: z = tanh(q / scale).
-    correlations: Option<(u32, f64)>,
+    /// Width and scale of each correlation: z = tanh(q / scale).
+    correlations: Option<[(u32, f64); 15]>,
     /// Whether the receiver adds the variance of rounding the mean.
     rounding: bool,
 }
@@ -63,24 +63,33 @@ impl Layout {
     /// The layout of a size.
     pub fn of(format: ExchangeFormat, size: ExchangeSize) -> Result<Self, PacketError> {
         let two = format == ExchangeFormat::Two;
-        let full =
-            Sigmas::Each { bits: 7, per_octave: 8.0, base_m: 0.0005, base_rad: DEGREE / 256.0, up: false };
-        let standard = Self {
+        let each = |codes| Sigmas::Each { codes, base_m: 0.0005, base_rad: DEGREE / 256.0, up: false };
+        let first = Self {
             size,
             sequence: true,
             modulo: false,
             bits: [18, 18, 12, 13, 12, 12],
             steps_per_m: [64.0, 64.0],
-            sigmas: full,
-            correlations: Some((7, 16.0)),
-            rounding: two,
+            sigmas: each([(7, 8.0); 6]),
+            correlations: Some([(7, 16.0); 15]),
+            rounding: false,
         };
-        let quarter =
-            Sigmas::Each { bits: 6, per_octave: 4.0, base_m: 0.0005, base_rad: DEGREE / 256.0, up: false };
+        // What grows by a few percent an exchange needs the finer steps: rounded to the nearest of coarse ones, it
+        // would stand still.
+        let standard = if two {
+            Self {
+                bits: [17, 17, 12, 12, 13, 12],
+                steps_per_m: [32.0, 32.0],
+                sigmas: each([(9, 32.0), (9, 32.0), (9, 32.0), (7, 8.0), (7, 8.0), (7, 8.0)]),
+                correlations: Some(widths((9, 64.0), (7, 16.0), (6, 8.0))),
+                rounding: true,
+                ..first
+            }
+        } else {
+            first
+        };
         let coarse =
-            Sigmas::Each { bits: 4, per_octave: 4.0 / 3.0, base_m: 0.01, base_rad: 0.02 * DEGREE, up: true };
-        let fine =
-            Sigmas::Each { bits: 9, per_octave: 32.0, base_m: 0.0005, base_rad: DEGREE / 256.0, up: false };
+            Sigmas::Each { codes: [(4, 4.0 / 3.0); 6], base_m: 0.01, base_rad: 0.02 * DEGREE, up: true };
         Ok(match (size, two) {
             (ExchangeSize::B8, false) => Self {
                 sequence: false,
@@ -101,7 +110,9 @@ impl Layout {
                 correlations: None,
                 ..standard
             },
-            (ExchangeSize::B16, false) => Self { sigmas: quarter, correlations: None, ..standard },
+            (ExchangeSize::B16, false) => {
+                Self { sigmas: each([(6, 4.0); 6]), correlations: None, ..standard }
+            }
             (ExchangeSize::B16, true) => Self {
                 bits: [18, 18, 12, 12, 11, 10],
                 steps_per_m: [64.0, 32.0],
@@ -111,8 +122,9 @@ impl Layout {
             },
             (ExchangeSize::B40, true) => Self {
                 bits: [20, 20, 16, 14, 16, 16],
-                sigmas: fine,
-                correlations: Some((9, 64.0)),
+                steps_per_m: [64.0, 64.0],
+                sigmas: each([(9, 32.0); 6]),
+                correlations: Some([(9, 64.0); 15]),
                 ..standard
             },
             (ExchangeSize::B40, false) => return Err(PacketError::Length { bytes: 40, expected: 32 }),
@@ -218,8 +230,8 @@ impl Layout {
             split(&covariance).ok_or(PacketError::NotDefinite { field: "covariance of an exchange" })?;
         match self.sigmas {
             Sigmas::Class { cover } => write_class(writer, &sigma, cover)?,
-            Sigmas::Each { bits, per_octave, up, .. } => {
-                for k in 0..6 {
+            Sigmas::Each { codes, up, .. } => {
+                for (k, (bits, per_octave)) in codes.into_iter().enumerate() {
                     let octaves = per_octave * (sigma[k] / floor[k]).log2();
                     // Up to a thousandth of a step is rounding of the floor, not of the value.
                     let code = if up { (octaves - 1e-3).ceil() } else { octaves.round() }.max(0.0);
@@ -232,9 +244,9 @@ impl Layout {
                 }
             }
         }
-        if let Some((bits, scale)) = self.correlations {
-            let most = f64::from(bits - 1).exp2() - 1.0;
-            for z in partial {
+        if let Some(codes) = self.correlations {
+            for (z, (bits, scale)) in partial.into_iter().zip(codes) {
+                let most = f64::from(bits - 1).exp2() - 1.0;
                 // Beyond the last code a correlation is understated, which claims less.
                 let code = (scale * z.clamp(-1.0, 1.0).atanh()).round().clamp(-most, most) as i64;
                 writer.push("partial correlation", code as u64 & mask(bits), bits)?;
@@ -315,16 +327,16 @@ impl Layout {
                 let scale = (reader.take("class of sigmas", 2)? as f64).exp2();
                 sigma = SVector::from_fn(|k, _| CLASS_SIGMA[k] * scale);
             }
-            Sigmas::Each { bits, per_octave, base_m, base_rad, .. } => {
-                for k in 0..6 {
+            Sigmas::Each { codes, base_m, base_rad, .. } => {
+                for (k, (bits, per_octave)) in codes.into_iter().enumerate() {
                     let base = if ANGLES[k] { base_rad } else { base_m };
                     sigma[k] = base * (reader.take(SIGMA_NAMES[k], bits)? as f64 / per_octave).exp2();
                 }
             }
         }
         let mut partial = [0.0; 15];
-        if let Some((bits, scale)) = self.correlations {
-            for z in &mut partial {
+        if let Some(codes) = self.correlations {
+            for (z, (bits, scale)) in partial.iter_mut().zip(codes) {
                 *z = (sign_extend(reader.take("partial correlation", bits)?, bits) as f64 / scale).tanh();
             }
         }
@@ -336,6 +348,23 @@ impl Layout {
         }
         Ok(covariance)
     }
+}
+
+/// Widths of the fifteen correlations: within (x_L, y_L, ψ_L), within (ρ, β, γ), between the two.
+fn widths(landmark: (u32, f64), relative: (u32, f64), between: (u32, f64)) -> [(u32, f64); 15] {
+    let mut all = [between; 15];
+    let mut at = 0;
+    for row in 1..6 {
+        for column in 0..row {
+            if row < 3 {
+                all[at] = landmark;
+            } else if column > 2 {
+                all[at] = relative;
+            }
+            at += 1;
+        }
+    }
+    all
 }
 
 fn write_class(writer: &mut BitWriter, sigma: &SVector<f64, 6>, cover: bool) -> Result<(), PacketError> {

@@ -11,10 +11,13 @@
 //! |---|---|---|---|---|---|---|---|---|---|---|---|
 //! | 8 | 0 | – | – | 8 at 1/8 m modulo 32 m | 9 | 9 at 1/8 m | 9 | 8 | class, 2 together | – | CRC-8 |
 //! | 16 | 1 | yes | – | 18 at 1/64 m | 12 | 12 at 1/32 m | 11 | 10 | 4, ¾ octave, up | – | CRC-16 |
-//! | 32 | 2 | yes | – | 18 at 1/64 m | 12 | 13 at 1/64 m | 12 | 12 | 7, ⅛ octave | 7, tanh(q/16) | CRC-16 |
+//! | 32 | 2 | yes | – | 17 at 1/32 m | 12 | 12 at 1/32 m | 13 | 12 | L: 9, 1/32 octave; M: 7, ⅛ octave | L: 9, tanh(q/64); M: 7, tanh(q/16); L–M: 6, tanh(q/8) | CRC-16 |
 //! | 40 | 5 | yes | – | 20 at 1/64 m | 16 | 14 at 1/64 m | 16 | 16 | 9, 1/32 octave | 9, tanh(q/64) | CRC-16 |
 //! | 64 | 3 | yes | 2 | as 32 for the first of two modes | | | | | | | CRC-16 |
 //! | 128 | 4 | yes | 2 | as 32 for the first of four modes | | | | | | | CRC-16 |
+//!
+//! L stands for (x_L, y_L, ψ_L), M for (ρ, β, γ). Over many exchanges the landmark's σ grow by a few percent each time:
+//! steps of ⅛ octave would round every such growth away and the belief would become certain of itself.
 //!
 //! A further mode has six differences to the first one's mean, 12 bits each in the same steps, its share in 1/256
 //! (8 bits), then σ and correlations as the first. Zero bits fill up to the check.
@@ -34,8 +37,9 @@
 //!
 //! The layout of the reference cases: 16 bytes have 6 bits per σ (¼ octave, base as 32 bytes) and, like 8 bytes
 //! (x_L, y_L 9 bits at 1/16 m modulo 32 m; ψ_L 10; ρ 10 at 1/16 m; β 11; γ 10; class 2, nearest to the geometric mean),
-//! no check at all; 32, 64 and 128 bytes as above with a CRC that does not know sender or launch time and without the
-//! variance of rounding. There is none of 40 bytes.
+//! no check at all; 32, 64 and 128 bytes have x_L, y_L 18 bits at 1/64 m, ρ 13 at 1/64 m, ψ_L, β, γ 12, σ 7 (⅛ octave),
+//! correlations 7 (tanh(q/16)), a CRC that does not know sender or launch time, and no variance of rounding. There is
+//! none of 40 bytes.
 
 mod correlation;
 mod layout;
