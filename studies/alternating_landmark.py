@@ -340,7 +340,7 @@ def main() -> None:
             kept["costs"] = cost((300, 1000, 3000, 10000))
             continue
         found = (
-            recorded(runs, told.processes)
+            recorded(told.runs, told.processes)
             if key == "recorded"
             else many(TABLES[key][2], told.runs, told.processes)
         )
