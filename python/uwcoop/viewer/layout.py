@@ -19,6 +19,10 @@ STACKED_VEHICLES = 3
 """Up to so many vehicles have their plots above each other; more get a tab each."""
 
 
+NEAR = 0.6
+"""Missions with a landmark are looked at from nearer: their vehicles keep together."""
+
+
 def blueprint(
     stage: Stage,
     tracks: xr.Dataset,
@@ -38,7 +42,10 @@ def blueprint(
 
     shown = _most_telling(stage, clouds, packets)
     scenes = rrb.Tabs(
-        *[_scene(stage, navigator, kept.get(navigator, [])) for navigator in stage.navigators],
+        *[
+            _scene(stage, navigator, kept.get(navigator, []), NEAR if events else 1.0)
+            for navigator in stage.navigators
+        ],
         active_tab=shown,
         name="scene",
     )
@@ -85,7 +92,7 @@ def blueprint(
     )
 
 
-def _scene(stage: Stage, navigator: str, kept: list[str]) -> Any:
+def _scene(stage: Stage, navigator: str, kept: list[str], distance: float) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -100,7 +107,7 @@ def _scene(stage: Stage, navigator: str, kept: list[str]) -> Any:
     bottom = -stage.exaggeration * stage.deepest_m
     # A little nearer than the middle: perspective makes the near half larger.
     centre = np.array([(west + east) / 2, (south + north) / 2 - 0.1 * stage.span_m, bottom])
-    eye = centre + stage.span_m * np.array([0.16, -0.8, 0.85])
+    eye = centre + distance * stage.span_m * np.array([0.16, -0.8, 0.85])
     return rrb.Spatial3DView(
         origin="/",
         contents=[f"+ {root}/{part}/**" for part in ("chart", "surface", "truth", FIXES)]
