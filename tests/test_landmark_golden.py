@@ -171,9 +171,7 @@ def test_packets_of_format_1(golden: Any, t: int) -> None:
         packet_bytes=len(case[f"bytes_{t}"]), packet_format=1, sequence=5, sender=0, tol_ns=0,
     )  # fmt: skip
     assert packet == case[f"bytes_{t}"].tobytes()
-    got = kernels.decode_exchange(
-        packet, packet_format=1, landmark_m=case["prior_L"], sender=0, tol_ns=0
-    )
+    got = kernels.decode_exchange(packet, packet_format=1, landmark_m=case["prior_L"], sender=0, tol_ns=0)
     near(got["weights"], case[f"w_{t}"])
     near_poses(got["means"], case[f"mu_{t}"], (2, 4, 5))
     near(got["covariances"], case[f"S_{t}"])
