@@ -96,7 +96,7 @@ DMPF_PAPER = Page(
             100,
             "dmpf-unlimited,dmpf",
             ("--set", "acoustics.modem=unlimited", "--vary", "navigator.dmpf.particles=600,2000"),
-            note="Box plots of the final errors over 100 runs: particles with their weights (`dmpf-unlimited`, 600), one "
+            note="Particles with their weights (`dmpf-unlimited`, 600), one "
             "Gaussian (`dmpf`, 600), one Gaussian and more particles (`dmpf`, 2000).",
             slug="fig-6",
         ),

@@ -174,7 +174,7 @@ NAVIGATORS: dict[str, Spec] = {
     "terrain-only": Spec("dmpf without ranges.", DmpfOptions, {"use_ranges": False}, _dmpf),
     "ranging-only": Spec("dmpf without soundings.", DmpfOptions, {"use_terrain": False}, _dmpf),
     "mpf": Spec(
-        "Consistent marginalised particle filter: datum offset, chart error that is correlated, tempered ranges.",
+        "Consistent marginalised particle filter: datum offset, chart error that is correlated, of ranges what is new.",
         MpfOptions,
         {},
         _mpf,
