@@ -3,7 +3,7 @@
     python studies/compare.py [--runs N] [--work DIR]      an hour and a half on two cores for 50 runs
 
 Writes docs/results/comparison.md, docs/images/comparison.png and the table between the marks in README.md. What was
-flown stays in DIR and is not flown again. `--write` only writes anew what DIR holds.
+flown stays in DIR and is not flown again. `--write` takes of the real soundings only the teams that DIR holds.
 """
 
 from __future__ import annotations
@@ -78,11 +78,13 @@ def simulated(name: str, runs: int, work: Path) -> list[Row]:
     return result.rows
 
 
-def real(drift: str, runs: int, work: Path) -> list[Row]:
+def real(drift: str, runs: int, work: Path, *, write_only: bool = False) -> list[Row]:
     """Rows of every team of survey days of Aburatsubo bay, each over its own chart of the other days."""
     rows: list[Row] = []
     for team in aburatsubo.teams(REFERENCE):
         folder = work / f"aburatsubo-{team[0][:8]}-{drift}"
+        if write_only and not (folder / "study" / "summary.json").exists():
+            continue
         scenario = folder / "scenario.toml"
         if not scenario.exists():
             aburatsubo.write_team(REFERENCE, team, folder, drift)
@@ -197,7 +199,7 @@ def long_table(world: World) -> str:
     return "\n".join(lines)
 
 
-def page(worlds: Sequence[World], runs: int) -> str:
+def page(worlds: Sequence[World], command: str) -> str:
     """docs/results/comparison.md."""
     parts = [
         "# Comparison",
@@ -205,7 +207,7 @@ def page(worlds: Sequence[World], runs: int) -> str:
         "team's Cramér–Rao bound](../methods/bound.md). Run k of a table has seed k for every navigator; errors count "
         "after 50 s. NEES: 2 is ideal, its median is over runs and vehicles of the mean over time. *Lost*: more than "
         f"30 m off at the end. Measured on {platform.machine()}, {os.cpu_count()} cores, by",
-        f"<!-- no-run: takes an hour -->\n```console\n$ python studies/compare.py --runs {runs}\n```",
+        f"<!-- no-run: takes an hour -->\n```console\n$ {command}\n```",
         "![RMS error of each navigator in each world, and the bound](../images/comparison.png)",
     ]
     for world in worlds:
@@ -232,12 +234,14 @@ def readme(worlds: Sequence[World]) -> None:
     before, rest = text.split(BEGIN)
     after = rest.split(END)[1]
     runs = len({row["seed"] for row in worlds[0].rows})
+    recorded = [len(world.rows) // len(NAMES) for world in worlds if world.key not in SIMULATED]
+    real_ones = f" ({recorded[0]} vehicle-missions each)" if recorded else ""
     block = (
         "\n![RMS error of each navigator in each world, and the bound](docs/images/comparison.png)\n\n"
         f"{short_table(worlds)}\n\n"
         "Median RMS error of a mission · median NEES (ideal 2) · share of vehicles more than 30 m off at the end; three "
         f"vehicles, 900 s, {runs} seeds each, simulated. In the last columns tracks, soundings and charts are recorded "
-        "(other days' chart), ranges and odometry simulated. More, with commands: "
+        f"(other days' chart), ranges and odometry simulated{real_ones}. More, with commands: "
         "[docs/results/comparison.md](docs/results/comparison.md).\n"
     )
     path.write_text(before + BEGIN + block + END + after, encoding="utf-8")
@@ -252,6 +256,9 @@ def main() -> None:
     parser.add_argument(
         "--only", default=None, help="names of worlds, separated by commas; nothing is written then"
     )
+    parser.add_argument(
+        "--write", action="store_true", help="fly nothing on real soundings; write what there is"
+    )
     asked = parser.parse_args()
     real_runs = asked.real_runs or max(1, asked.runs // 4)
     only = None if asked.only is None else asked.only.split(",")
@@ -262,13 +269,17 @@ def main() -> None:
             print(f"{name}\n{long_table(worlds[-1])}\n", flush=True)
     for drift, (title, note) in REAL.items():
         if (only is None or drift in only) and (REFERENCE / aburatsubo.RECORDING).exists():
-            rows = real(drift, real_runs, asked.work)
+            rows = real(drift, real_runs, asked.work, write_only=asked.write)
+            if not rows:
+                continue
             worlds.append(World(f"aburatsubo, {drift}", title, note, rows))
             print(f"{drift}\n{long_table(worlds[-1])}\n", flush=True)
     if only is None:
+        command = f"python studies/compare.py --runs {asked.runs} --real-runs {real_runs}"
+        command += " --write" if asked.write else ""
         figure(worlds, ROOT / "docs" / "images" / "comparison.png")
         (ROOT / "docs" / "results").mkdir(exist_ok=True)
-        (ROOT / "docs" / "results" / "comparison.md").write_text(page(worlds, asked.runs), encoding="utf-8")
+        (ROOT / "docs" / "results" / "comparison.md").write_text(page(worlds, command), encoding="utf-8")
         readme(worlds)
 
 

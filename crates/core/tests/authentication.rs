@@ -329,7 +329,7 @@ fn assault(tries: usize, seed: u64, look_every: usize) {
         let counted = own.unauthentic();
         let before = own.inner().snapshot().unwrap();
         let mut random = Random(seed ^ index as u64);
-        for k in 0..tries / count {
+        for k in 0..tries.div_ceil(count) {
             let (sender, tol_ns, bytes) = forged(&mut random, &known);
             let said = own.handle(&heard(sender, tol_ns, &bytes)).unwrap();
             assert_eq!(said, Outcome::Rejected, "{name}: {bytes:?} of {sender} at {tol_ns}");
@@ -338,7 +338,7 @@ fn assault(tries: usize, seed: u64, look_every: usize) {
             }
         }
         assert_eq!(own.inner().snapshot().unwrap(), before, "{name}");
-        assert_eq!(own.unauthentic() - counted, (tries / count) as u64, "{name}: every one is counted");
+        assert_eq!(own.unauthentic() - counted, tries.div_ceil(count) as u64, "{name}: every one is counted");
     }
 }
 
