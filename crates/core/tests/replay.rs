@@ -326,6 +326,11 @@ impl TeamEstimator for Central {
         Estimate { mean_m: [f64::from(vehicle), 0.0], ..nothing(t_ns) }
     }
 
+    fn launch(&mut self, vehicle: VehicleId, tol_ns: i64) -> Result<bool, Error> {
+        self.seen.lock().unwrap().push((tol_ns, vehicle, "launch".into()));
+        Ok(true)
+    }
+
     fn assumed_packet_bytes(&self) -> usize {
         33
     }
@@ -356,6 +361,7 @@ fn a_team_estimator_is_fed_everybody_and_sends_nothing() {
         (SECOND, 0, "depth 0".into()),
         (SECOND, 1, "depth 1".into()),
         (SECOND, 2, "depth 2".into()),
+        (2 * SECOND, 1, "launch".into()),
         (decoded, 0, "reception from 1, 0 bytes".into()),
     ];
     assert_eq!(*seen, expected);
