@@ -165,8 +165,8 @@ fn filtered_error_delta<'py>(
     let (client, server) = joints(&client_matrix, &client_vector, &server_matrix, &server_vector)?;
     let (earlier, earlier_cross) = reconstruct::filtered(&client).map_err(failed)?;
     let (later, later_cross) = reconstruct::filtered(&server).map_err(failed)?;
-    let transition =
-        reconstruct::filtered_error_transition(&earlier, &earlier_cross, &later_cross).map_err(failed)?;
+    let transition = reconstruct::filtered_error_transition(&earlier, &earlier_cross, &later_cross, 1e-6)
+        .map_err(failed)?;
     let step = reconstruct::filtered_error_step(&earlier, &later, &transition).map_err(failed)?;
     let delta = step.information().map_err(failed)?;
     let dict = PyDict::new(py);

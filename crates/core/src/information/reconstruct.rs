@@ -113,11 +113,19 @@ pub fn filtered_error_step(
     later: &Gaussian<NODE>,
     transition: &NodeMatrix,
 ) -> Result<Step, Error> {
-    let noise = symmetrized(&(later.covariance - transition * earlier.covariance * transition.transpose()));
-    let positive = positive_part(&noise, &later.covariance)
-        .ok_or(Error::NotPositiveDefinite { quantity: "noise of the filtered-error model" })?;
+    let refused = || Error::NotPositiveDefinite { quantity: "noise of the filtered-error model" };
+    let noise_of = |transition: &NodeMatrix| {
+        symmetrized(&(later.covariance - transition * earlier.covariance * transition.transpose()))
+    };
+    let mut transition = *transition;
+    let mut noise = noise_of(&transition);
+    if noise.cholesky().is_none() {
+        transition = contracted(earlier, later, &transition).ok_or_else(refused)?;
+        noise = noise_of(&transition);
+    }
+    let positive = positive_part(&noise, &later.covariance).ok_or_else(refused)?;
     Ok(Step {
-        transition: *transition,
+        transition,
         offset: later.mean - transition * earlier.mean,
         noise: positive,
         told_matrix: NodeMatrix::zeros(),
@@ -128,7 +136,7 @@ pub fn filtered_error_step(
 /// G from the correlations of two filtered errors with the same origin's: Σ₃₀ Σ₂₀⁻¹ = Φ₃ Φ₂⁻¹.
 ///
 /// Directions of x₂ in which nothing of the origin is left (the velocity of a vehicle with a DVL, after seconds) cannot be
-/// solved for, and tell nothing of x₃ either: they are left out.
+/// solved for, and tell nothing of x₃ either: singular values below `left_share` of the largest are left out.
 ///
 /// # Errors
 /// [`Error::NotPositiveDefinite`] when nothing of the origin is left in the earlier one at all.
@@ -136,9 +144,8 @@ pub fn filtered_error_transition(
     earlier: &Gaussian<NODE>,
     earlier_cross: &NodeMatrix,
     later_cross: &NodeMatrix,
+    left_share: f64,
 ) -> Result<NodeMatrix, Error> {
-    /// Singular values below this share of the largest are rounding.
-    const LEFT_SHARE: f64 = 1e-6;
     let refused = || Error::NotPositiveDefinite { quantity: "correlation with the origin" };
     // Both shrink together as the origin ages; scaled, they stay away from the smallest numbers.
     let scale = earlier_cross.amax();
@@ -149,10 +156,30 @@ pub fn filtered_error_transition(
     let back = root.try_inverse().ok_or_else(refused)?;
     let inverse = (back * (earlier_cross / scale))
         .svd(true, true)
-        .pseudo_inverse(LEFT_SHARE * (back * (earlier_cross / scale)).norm())
+        .pseudo_inverse(left_share * (back * (earlier_cross / scale)).norm())
         .map_err(|_| refused())?;
     let transition = (later_cross / scale) * inverse * back;
     if transition.iter().all(|value| value.is_finite()) { Ok(transition) } else { Err(refused()) }
+}
+
+/// G with the singular values of L₃⁻¹ G L₂ taken down to 1: two errors correlate no more than fully. `None` when they are
+/// far above it, which no rounding explains.
+fn contracted(
+    earlier: &Gaussian<NODE>,
+    later: &Gaussian<NODE>,
+    transition: &NodeMatrix,
+) -> Option<NodeMatrix> {
+    const FAR: f64 = 2.0;
+    let from = symmetrized(&earlier.covariance).cholesky()?.l();
+    let to = symmetrized(&later.covariance).cholesky()?.l();
+    let back = to.try_inverse()?;
+    let mut svd = (back * transition * from).svd(true, true);
+    if svd.singular_values.max() > FAR {
+        return None;
+    }
+    svd.singular_values.apply(|value| *value = value.min(1.0));
+    let contracted = to * svd.recompose().ok()? * from.try_inverse()?;
+    contracted.iter().all(|value| value.is_finite()).then_some(contracted)
 }
 
 /// A symmetric matrix without its negative part, if that is little against `scale` (rounded packets may

@@ -11,6 +11,9 @@ use crate::error::Error;
 
 /// Nodes that a server or a client keeps at most: the origin and the newest ones.
 pub const NODES_MAX: usize = 64;
+/// What rounding leaves of correlations: in float64, and in eight bits.
+const EXACT_SHARE: f64 = 1e-6;
+const ROUNDED_SHARE: f64 = 0.03;
 
 /// What a packet says of its newest node and the origin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -201,7 +204,7 @@ impl Replica {
             exact,
         };
         if methods.joint
-            && let Some(step) = self.exact_step(packet, joint.as_ref())?
+            && let Some(step) = self.exact_step(packet, joint.as_ref(), methods.equation_6)?
         {
             return Ok(Some(plan(Method::ExactJoint, step, true)));
         }
@@ -220,7 +223,8 @@ impl Replica {
         let (Some(later), Some(earlier)) = (cross, self.cross_of_newest(packet.origin)) else {
             return Ok(None);
         };
-        let Ok(transition) = filtered_error_transition(&newest.filtered, &earlier, &later) else {
+        let Ok(transition) = filtered_error_transition(&newest.filtered, &earlier, &later, self.left_share())
+        else {
             return Ok(None);
         };
         let step = filtered_error_step(&newest.filtered, &packet.node.filtered, &transition)?;
@@ -312,6 +316,7 @@ impl Replica {
         &self,
         packet: &GraphPacket,
         joint: Option<&Information<8>>,
+        by_origin: bool,
     ) -> Result<Option<Step>, Error> {
         let Some(newest) = self.chain.newest() else { return Ok(None) };
         let of_joint = |joint: &Information<8>| {
@@ -325,7 +330,13 @@ impl Replica {
             None => {}
         }
         match joint {
-            Some(joint) if packet.origin == newest.id => of_joint(joint).map(Some),
+            // An origin among the last transmissions is not told twice; an older one is where equation (6) is 0/0.
+            Some(joint)
+                if packet.origin == newest.id
+                    && (by_origin || packet.node.id - newest.id <= packet.lags.len() as u64 + 1) =>
+            {
+                of_joint(joint).map(Some)
+            }
             _ => Ok(None),
         }
     }
@@ -365,10 +376,16 @@ impl Replica {
                     return own;
                 }
                 let cross = self.memories[k].cross.filter(|_| k > place)?;
-                let transition = filtered_error_transition(&node.filtered, &anchored?, &cross).ok()?;
+                let transition =
+                    filtered_error_transition(&node.filtered, &anchored?, &cross, self.left_share()).ok()?;
                 Some(transition * own?)
             })
             .collect()
+    }
+
+    /// Below this share of the largest, a direction's correlation with the origin is rounding.
+    fn left_share(&self) -> f64 {
+        if self.scaled { ROUNDED_SHARE } else { EXACT_SHARE }
     }
 
     /// What a node's correlation with itself is: its covariance, or the factor of it.

@@ -258,6 +258,11 @@ pub fn lag_ids(id: u64, origin: u64) -> impl Iterator<Item = u64> {
     (origin + 1..id).rev()
 }
 
+/// The same for rounded packets, whose tie with the origin is not exact: the origin is among them.
+pub fn rounded_lag_ids(id: u64, origin: u64) -> impl Iterator<Item = u64> {
+    (origin..id).rev()
+}
+
 /// A packet of the DEIF: the delta information since a node that the client is known to hold, and, for `deif-redundant`,
 /// the ones before it.
 #[derive(Debug, Clone, PartialEq)]

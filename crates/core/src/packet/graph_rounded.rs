@@ -18,7 +18,7 @@
 //! its mean; and K = L̂⁻¹ Φ L₂'. The isotropic form holds one number for x and y.
 
 use super::field::{FixedField, Rounding, sign_extend};
-use super::graph::{GraphForm, lag_ids, read_origin, write_origin};
+use super::graph::{GraphForm, read_origin, rounded_lag_ids, write_origin};
 use super::{BitReader, BitWriter, PacketError, SigmaField, UnsignedField};
 use crate::information::replica::{GraphPacket, Lag, RoundedLag, Tie};
 use crate::information::{Gaussian, Node, NodeMatrix, NodeVector, symmetrized};
@@ -109,8 +109,8 @@ const fn widths(form: GraphForm) -> Widths {
             exponent: 6,
             lag_count: 1,
             lag: Scale {
-                position: sigma("smoothed sigma of position", "", 7, 32, -4),
-                velocity: sigma("smoothed sigma of velocity", "", 7, 32, -4),
+                position: sigma("smoothed sigma of position", "", 7, 30, -4),
+                velocity: sigma("smoothed sigma of velocity", "", 7, 30, -4),
                 correlation: 6,
             },
             shift: fixed(SHIFT, "", 7, 20.0),
@@ -559,7 +559,7 @@ pub(super) fn read_rounded(
     let mut lags = Vec::new();
     if w.lag_count > 0 {
         let count = lag_count(w.lag_count).read(reader)?;
-        for lag in lag_ids(id, origin).take(count as usize) {
+        for lag in rounded_lag_ids(id, origin).take(count as usize) {
             lags.push((lag, Lag::Rounded(read_lag(reader, &w)?)));
         }
         if lags.len() as u64 != count {

@@ -21,6 +21,7 @@ pub enum Node {
 
 /// What a sensor event did to a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "one at a time, on the stack")]
 pub enum Told {
     /// Nothing.
     Nothing,

@@ -11,7 +11,7 @@ use crate::information::{Chain, Gaussian, NODE, Node, NodeMatrix, Step, process}
 use crate::link::{AckBitmap, LinkError, Sequencer};
 use crate::navigator::Outcome;
 use crate::navigator::common::seconds;
-use crate::packet::graph::{GraphForm, lag_ids};
+use crate::packet::graph::{GraphForm, lag_ids, rounded_lag_ids};
 use crate::packet::graph_rounded::{Told, rounded};
 
 /// The local filter, its graph of launches, and what the clients hold of it.
@@ -159,7 +159,7 @@ impl Server {
         let mut told = Told { node: launch.node, origin: None, lags: Vec::new() };
         if let (Some(origin), Some(transition)) = (self.origin(), self.error_transition(launch)?) {
             told.origin = Some((origin.id, self.sent_of(origin), transition));
-            for id in lag_ids(launch.node.id, origin.id).take(lags) {
+            for id in rounded_lag_ids(launch.node.id, origin.id).take(lags) {
                 let Some(place) = self.chain.place(id) else { break };
                 let node = &self.chain.nodes()[place];
                 told.lags.push((id, self.sent_of(node), self.step_to(launch, place)?));
