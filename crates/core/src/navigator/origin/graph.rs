@@ -28,7 +28,7 @@ pub enum Told {
     /// It was measured.
     Linear(Linear),
     /// It moved.
-    Moved(Box<Step>),
+    Moved(Step),
 }
 
 /// What a vehicle's own events come to.
@@ -155,9 +155,7 @@ impl Graph {
         }
         self.advance(vehicle, t_ns);
         if matches!(payload, Payload::Odometry { .. }) {
-            return self
-                .step(vehicle, payload)
-                .map_or(nothing, |step| (Outcome::Fused, Told::Moved(Box::new(step))));
+            return self.step(vehicle, payload).map_or(nothing, |step| (Outcome::Fused, Told::Moved(step)));
         }
         match self.members[vehicle].sensors.read(t_ns, payload) {
             Reading::Nothing => nothing,
