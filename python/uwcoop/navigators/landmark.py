@@ -134,8 +134,9 @@ class LandmarkOptions(ExchangeOptions):
     consensus_quorum: Annotated[int, Field(ge=2, le=100)] = 4
     consensus_agree: Positive = 7.8
     """Largest χ² of three degrees of freedom between two that agree (95 %)."""
-    consensus_disagree: Positive = 20.5
-    """Least χ² of three degrees of freedom for a reset (1.3e-4)."""
+    consensus_disagree: Positive = 30.0
+    """Least χ² of three degrees of freedom for a reset (1.4e-6). At 20.5 (1.3e-4) a yaw step is believed sooner, but with
+    20 % outliers one mission in eight is reset for nothing."""
     bias_states: bool = False
     """Gyro bias, DVL scale and misalignment as states, calibrated while landed and by positioning."""
     sigma_gyro_bias0_degps: NonNegative = 0.01

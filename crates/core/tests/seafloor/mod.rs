@@ -49,7 +49,7 @@ pub fn robust_options() -> LandmarkOptions {
         bend_sigmas: 0.5,
         yaw_limit_rad: 20.0 * DEGREE,
         kurtosis_limit: 1.5,
-        consensus: Some(ConsensusRule { window: 6, quorum: 4, agree: 7.8, disagree: 20.5 }),
+        consensus: Some(ConsensusRule { window: 6, quorum: 4, agree: 7.8, disagree: 30.0 }),
         bias_sigma: [0.0; 3],
         gyro_bias_walk: 0.0,
         landing_sigma: [0.0; 2],
