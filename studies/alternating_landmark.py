@@ -286,6 +286,7 @@ def _table(cases: Mapping[str, Row], key: str) -> str:
     for label, row in cases.items():
         cells = [
             label,
+            f"{row['runs']}",
             f"{row['rmse_m']:.3g}",
             f"{row['yaw_deg']:.2g}",
             f"{row['within']:.0%}",

@@ -55,8 +55,9 @@ def bytes_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
          ("anees", "state NEES / dof (ideal 1)", OKABE_ITO[2])),
         strict=True,
     ):  # fmt: skip
-        axes.plot(size, [row[key] for row in table], color=colour, marker="o", ms=5)
-        axes.set(xscale="log", xlabel="exchange packet (bytes)", ylabel=label, ylim=(0, None))
+        values = [row[key] for row in table]
+        axes.plot(size, values, color=colour, marker="o", ms=5)
+        axes.set(xscale="log", xlabel="exchange packet (bytes)", ylabel=label, ylim=(0, 1.1 * max(values)))
         axes.set_xticks(size, [f"{value:.0f}" for value in size])
         axes.minorticks_off()
         axes.grid(alpha=0.3, lw=0.6)
