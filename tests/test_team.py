@@ -95,7 +95,7 @@ def refused(**options: Any) -> str:
 def test_options_that_cannot_be_are_refused_in_one_line() -> None:
     assert "names 2 vehicles: the team has 3" in refused(team_drift=("dvl", "dvl"))
     assert "frame_bytes" in refused(frame_bytes=8)
-    assert "expected" in refused(frame_bytes=24)
+    assert "expected" in refused(frame_bytes=20)
     assert "group_size" in refused(group_size=0)
     assert "current_difference" in refused(current_difference=2.0)
     assert "packet" in refused(packet="modes")

@@ -306,8 +306,8 @@ impl TeamReport {
         let scale = self.piece_scale(layout, &mut knots)?;
         PIECE_SCALE.write(&mut writer, scale)?;
         for pair in knots.windows(2).take(layout.pieces) {
-            for axis in 0..2 {
-                let piece = pair[1][axis] - pair[0][axis];
+            for (newer, older) in pair[0].iter().zip(pair[1]) {
+                let piece = older - newer;
                 push_signed("piece of displacement", &mut writer, piece, PIECE_BITS)?;
             }
         }
