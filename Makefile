@@ -30,7 +30,7 @@ lint: $(UV)
 	.venv/bin/mypy
 	.venv/bin/python -m mypy.stubtest uwcoop._native
 
-bench: $(UV)                ## criterion benches, then the side-by-side comparison with NumPy
+bench: $(UV)                ## criterion benches, then the side-by-side comparison with NumPy and numba
 	$(SYNC) --group bench
 	cargo bench --locked -p uwcoop-benches
 	.venv/bin/python benches/python/side_by_side.py

@@ -9,9 +9,11 @@ use nalgebra::Matrix2;
 use uwcoop_benches::{Lap, chart, dmpf_options, drift, mpf_options};
 use uwcoop_core::chart::Chart;
 use uwcoop_core::error::Error;
-use uwcoop_core::kernels::likelihood::{RangeBelief, add_range_gaussian, range_eq17};
+use uwcoop_core::kernels::likelihood::{
+    RangeBelief, add_range_gaussian, range_eq17, terrain_log_likelihood_fast,
+};
 use uwcoop_core::kernels::lookup::{Pattern, pattern_depths};
-use uwcoop_core::kernels::particles::{Step, gather, prepare_step, propagate};
+use uwcoop_core::kernels::particles::{Step, gather, prepare_step, propagate, propagate_drawn};
 use uwcoop_core::kernels::weights::{moments, normalise, residual_resample};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::dmpf::Dmpf;
@@ -68,6 +70,18 @@ fn lookups(c: &mut Criterion, chart: &Arc<Chart>) {
         });
     }
     group.finish();
+    let mut group = c.benchmark_group("terrain_likelihood/pattern15");
+    for n in [600, 10_000] {
+        let [e, n_] = cloud(n);
+        let mut out = vec![0.0; n];
+        group.throughput(Throughput::Elements(n as u64));
+        group.bench_function(BenchmarkId::from_parameter(n), |b| {
+            b.iter(|| {
+                terrain_log_likelihood_fast(&grid, &pattern, black_box(&e), &n_, &[0.1; 14], 0.2, &mut out)
+            });
+        });
+    }
+    group.finish();
 }
 
 fn particles(c: &mut Criterion) {
@@ -83,6 +97,13 @@ fn particles(c: &mut Criterion) {
         group.throughput(elements.clone());
         group.bench_function(BenchmarkId::from_parameter(n), |b| {
             b.iter(|| propagate(black_box(&step), &mut e, &mut n_, &mut linear, &a, &b_));
+        });
+        group.finish();
+
+        let mut group = c.benchmark_group("propagate_drawn");
+        group.throughput(elements.clone());
+        group.bench_function(BenchmarkId::from_parameter(n), |b| {
+            b.iter(|| propagate_drawn(black_box(&step), &stream(2), &mut e, &mut n_, &mut linear));
         });
         group.finish();
 

@@ -90,7 +90,7 @@ pub fn ln_f32(x: f32) -> f32 {
     let e = (t as i32 >> 23) as f32;
     let f = f32::from_bits((t & 0x007f_ffff) + SQRT_HALF) - 1.0;
     // (ln(1 + f) − f + f²/2) / f³, minimax of the relative error of ln: 3e-8.
-    let mut p = 0.087_004_364;
+    let mut p = 0.087_004_36;
     for c in [-0.142_674_86, 0.149_147_67, -0.165_775_85, 0.199_630_63, -0.250_013_38, 0.333_339_1f32] {
         p = p * f + c;
     }
