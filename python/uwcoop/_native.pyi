@@ -31,8 +31,6 @@ __all__ = [
     "expand_exchange",
     "filtered_error_delta",
     "fit_gaussian_mixture",
-    "encode_graph",
-    "filtered_error_delta",
     "fit_mixture",
     "interleaved",
     "kernel_entropy",

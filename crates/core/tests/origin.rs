@@ -63,8 +63,11 @@ fn drive(ship: &mut dyn Navigator, auv: &mut dyn Navigator, from_s: i64, to_s: i
     }
 }
 
+/// Launch times and packets.
+type Launches = Vec<(i64, Arc<[u8]>)>;
+
 /// Ship and AUV under way, with a packet exchanged each ten seconds.
-fn under_way(form: GraphForm, until_s: i64) -> (Mdeif, Mdeif, Vec<(i64, Arc<[u8]>)>) {
+fn under_way(form: GraphForm, until_s: i64) -> (Mdeif, Mdeif, Launches) {
     let (mut ship, mut auv) = (mdeif(0, &[false, true], form), mdeif(1, &[false, true], form));
     let mut packets = Vec::new();
     for k in 0..until_s / 10 {

@@ -17,8 +17,8 @@ mod origin;
 mod origin_references;
 mod python_navigator;
 mod replay;
-mod team_estimator;
 mod team;
+mod team_estimator;
 
 /// The compiled core of uwcoop.
 #[pymodule]
