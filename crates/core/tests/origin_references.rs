@@ -193,9 +193,9 @@ fn a_central_filter_without_ranges_is_each_vehicles_own() {
             team.handle(event.vehicle, &event).unwrap();
             alone[usize::from(event.vehicle)].handle(&event).unwrap();
         }
-        for vehicle in 0..2 {
+        for (vehicle, own) in alone.iter().enumerate() {
             let (found, expected) =
-                (team.estimate(vehicle as VehicleId, 41 * SECOND), alone[vehicle].estimate(41 * SECOND));
+                (team.estimate(vehicle as VehicleId, 41 * SECOND), own.estimate(41 * SECOND));
             for axis in 0..2 {
                 assert!((found.mean_m[axis] - expected.mean_m[axis]).abs() < 1e-9);
             }
