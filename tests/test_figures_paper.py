@@ -417,7 +417,14 @@ def test_a_study_draws_what_its_data_allow(gathered: xr.Dataset) -> None:
     assert alone["errors_over_time.png"] == alone["information.png"] == NO_TRACES
     many = xr.concat([gathered.isel(variant=0)] * 5, "variant").assign_coords(variant=list("abcde"))
     drawn = dict(study_figures(table, traces=many, title="bay", settle_s=50))
-    assert list(drawn) == ["boxes.png", "errors_over_time.png", "errors_over_time-2.png", "information.png"]
+    assert list(drawn) == [
+        "boxes.png",
+        "bytes.png",
+        "errors_over_time.png",
+        "errors_over_time-2.png",
+        "information.png",
+    ]
+    assert "nobody sends" in str(drawn["bytes.png"])
     assert "diagnostics.entropy" in str(drawn["information.png"])
     titles = [axes.get_title() for axes in drawn["errors_over_time-2.png"].axes if axes.get_title()]  # type: ignore[union-attr]
     assert titles == ["e (3 runs)"]
@@ -434,7 +441,7 @@ def test_study_and_run_write_the_pictures(tmp_path: Path) -> None:
     result = study("st-john", 2, ["dead-reckoning", "dmpf"], out=tmp_path, overrides=small, keep_errors=True,
                    processes=1)  # fmt: skip
     written = output.write_study_figures(result, tmp_path, notes.append)
-    assert written == ["boxes.png", "errors_over_time.png", "information.png"]
+    assert written == ["boxes.png", "bytes.png", "errors_over_time.png", "information.png"]
     assert not notes
     assert result.errors is not None
     final = [row["final_error_m"] for row in result.rows if row["navigator"] == "dmpf"]
@@ -451,8 +458,9 @@ def test_study_and_run_write_the_pictures(tmp_path: Path) -> None:
     flown = run(load("st-john", small), ["dead-reckoning", "dmpf"], clouds=False)
     folder = tmp_path / "run"
     files = output.write_run(flown, folder, notes.append, figures=True)
-    assert files[-3:] == ["covariance.png", "traffic.png", "information.png"]
-    assert all((folder / name).stat().st_size > 10_000 for name in files[-3:])
+    drawn = ["covariance.png", "traffic.png", "information.png", "setup.png", "uncertainty.png"]
+    assert [name for name in files if name in drawn] == drawn
+    assert all((folder / name).stat().st_size > 10_000 for name in drawn)
 
 
 def test_without_matplotlib_the_extra_is_named(

@@ -32,7 +32,10 @@ def test_a_resolved_scenario_is_json_and_makes_the_same_scenario(name: str) -> N
     loaded = scenario.load(name)
     resolved = json.loads(json.dumps(loaded.resolved(), allow_nan=False))
     again = scenario.parse(resolved)
-    assert again == loaded
+    # A vehicle with some sensors of its own is written with all that it has.
+    assert again.team == loaded.team
+    alike = {"vehicles": ()}
+    assert again.model_copy(update=alike) == loaded.model_copy(update=alike)
     assert again.resolved() == resolved
     assert loaded.name == name
 
@@ -85,7 +88,12 @@ def test_poor_bay_is_the_list_of_its_method() -> None:
     assert s["drift"]["thrust_bias_sigma_mps"] == 0.05
     assert s["drift"]["velocity_noise_m_per_sqrt_s"] == 0.05
     assert s["sensors"]["water_depth"]["sigma_m"] == 0.3
-    assert s["acoustics"]["loss"] == {"model": "independent", "probability": 0.2}
+    assert s["acoustics"]["loss"] == {
+        "model": "independent",
+        "probability": 0.2,
+        "senders": [],
+        "receivers": [],
+    }
     assert s["acoustics"]["slot_s"] == 3
     assert s["navigator"]["all"]["sigma_position_m_per_sqrt_s"] == 0.1
     assert s["navigator"]["all"]["sigma_current_mps_per_sqrt_s"] == 0.01

@@ -229,6 +229,7 @@ def packet_fields(
 def _packet(
     name: str, tables: Mapping[str, Any], vehicles: int, capacity_bytes: int
 ) -> tuple[bytes | None, tuple[Field, ...]]:
+    options = options_of(name, tables)
     if NAVIGATORS[name].central:
         return None, ()
     tag_bytes = tag_bytes_of(tables)
@@ -236,7 +237,7 @@ def _packet(
     context = Context(0, vehicles, sound_speed_mps, 0, None, _ranging(tables, vehicles))
 
     def ready() -> tuple[_native.Navigator, int]:
-        navigator = build(name, context, options_of(name, tables), None)
+        navigator = build(name, context, options, None)
         assert isinstance(navigator, _native.Navigator)
         launch_ns = _under_way(navigator, tables["acoustics"]["slot_s"] * vehicles)
         if tag_bytes:
@@ -322,7 +323,12 @@ def _pollers(plan: Acoustics, vehicles: int) -> int:
 def _team_plan(
     vehicles: int, plan: Acoustics, tables: Mapping[str, Any], talking: Iterable[str], capacity: int
 ) -> TeamPlan:
-    sizes = {name: packet_bytes(name, tables, vehicles, capacity) for name in talking}
+    sizes: dict[str, int | None] = {}
+    for name in talking:
+        try:
+            sizes[name] = packet_bytes(name, tables, vehicles, capacity)
+        except NavigatorError:  # a method that a team of this size is too large for
+            sizes[name] = None
     most = acoustics.link_of(plan).max_frames
     needed = {}
     for name, size in sizes.items():

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from uwcoop.budget import fitting
 from uwcoop.errors import MissingDependencyError
 from uwcoop.missionlog.mcap import load_log, write_log
+from uwcoop.missions import load_scenario
 from uwcoop.output import refuse_file, write_chart_picture, write_run
 from uwcoop.run import run
-from uwcoop.scenario import load
 from uwcoop.simulate import simulate
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ SCENARIO = "st-john-drift"
 
 def steps() -> int:
     """How often `run_demo` says that it has done something."""
-    scenario = load(SCENARIO)
+    scenario = load_scenario(SCENARIO)
     return 3 + len(fitting(scenario.resolved(), len(scenario.team)))
 
 

@@ -171,7 +171,7 @@ fn landmark_monitor<'py>(
     Ok((low.into_pyarray(py), fire.into_pyarray(py)))
 }
 
-/// n_new (19).
+/// How many particles a reconstruction replaces (19) of Matsuda et al. (2017), from the mean and greatest log-likelihood.
 #[pyfunction]
 fn landmark_new_particles(count: usize, share: f64, log_mean: f64, log_max: f64) -> usize {
     model::new_particles(count, share, log_mean, log_max)

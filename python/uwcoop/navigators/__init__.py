@@ -286,7 +286,9 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
             raise NavigatorError(
                 f"navigator.all.{option}: no navigator has this option{_nearest(option, every)}"
             )
-    own = {key: value for key, value in common.items() if key in model.model_fields}
+    fixed = _spec(name).fixed
+    # What makes a navigator what its name says is not for `all` to change.
+    own = {key: value for key, value in common.items() if key in model.model_fields and key not in fixed}
     own |= tables.get(name, {})
     diagnostics = (scenario or {}).get("diagnostics", {})
     if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in model.model_fields:
@@ -298,7 +300,6 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
     if tags and "tag_bytes" in model.model_fields:
         own.setdefault("tag_bytes", tags)
-    fixed = _spec(name).fixed
     for option, value in fixed.items():
         if own.get(option, value) != value:
             raise NavigatorError(
