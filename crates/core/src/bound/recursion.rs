@@ -81,6 +81,19 @@ impl<'a, const K: usize> Recursion<'a, K> {
             self.covariance[(first + 1, first + 1)] += position_walk[2];
             for k in 0..K {
                 self.covariance[(linear + k, linear + k)] += walk[(k, k)];
+                self.spread_walk(first, linear + k, [map[0][k], map[1][k]], walk[(k, k)]);
+            }
+        }
+    }
+
+    /// What the walk of a linear state within the step does to the position: Q of continuous time, ∫ F(t) q F(t)ᵀ dt, so
+    /// that a step may be cut anywhere. `moved` is what one unit of the state displaces in the step.
+    fn spread_walk(&mut self, first: usize, state: usize, moved: [f64; 2], walk: f64) {
+        for (a, moved_a) in moved.iter().enumerate() {
+            self.covariance[(first + a, state)] += moved_a * walk / 2.0;
+            self.covariance[(state, first + a)] += moved_a * walk / 2.0;
+            for (b, moved_b) in moved.iter().enumerate() {
+                self.covariance[(first + a, first + b)] += moved_a * moved_b * walk / 3.0;
             }
         }
     }
