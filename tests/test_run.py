@@ -69,12 +69,7 @@ def test_resuming_from_a_snapshot_equals_the_uninterrupted_mission(log: MissionL
             second.run()
             got = second.tracks()
             for key in ("mean_m", "covariance_m2", "ess", "rejected"):
-                if name == "team":
-                    # A known defect: a resumed `team` may differ by decimetres. Until it is mended, this bounds it.
-                    if key == "mean_m":
-                        np.testing.assert_allclose(got[key], expected[key], atol=1.0, err_msg=f"{cut_s}")
-                else:
-                    assert got[key].tobytes() == expected[key].tobytes(), (name, cut_s, key)
+                assert got[key].tobytes() == expected[key].tobytes(), (name, cut_s, key)
             assert len(got["clouds"]) == len(expected["clouds"])
 
 

@@ -123,10 +123,12 @@ impl<const K: usize> Cloud<K> {
         propagate_drawn(step, stream, &mut self.east, &mut self.north, &mut self.linear);
     }
 
-    /// A scratch column for log-likelihoods, with whatever is in it, to be handed to [`Cloud::reweight`].
+    /// A column of zeros for log-likelihoods, to be handed to [`Cloud::reweight`].
     pub fn likelihood_column(&mut self) -> Vec<f64> {
         self.scratch.fit(self.east.len());
-        std::mem::take(&mut self.scratch.column)
+        let mut column = std::mem::take(&mut self.scratch.column);
+        column.fill(0.0);
+        column
     }
 
     /// Effective sample size that [`Cloud::reweight`] would leave; 0 if it would refuse.

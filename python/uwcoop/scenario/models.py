@@ -103,8 +103,11 @@ class Scenario(Table):
             for given, vehicle in zip(team, self.vehicles, strict=True):
                 if vehicle.drift is None:
                     del given["drift"]
-                if vehicle.sensors is None:
-                    del given["sensors"]
+                del given["sensors"]
+                if vehicle.sensors is not None:
+                    # Only those of its own: the others are the scenario's, which stand above.
+                    own = vehicle.sensors.model_fields_set
+                    given["sensors"] = vehicle.sensors.model_dump(mode="json", exclude_none=True, include=own)
             dump["vehicles"] = team
         return dump
 
