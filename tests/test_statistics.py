@@ -60,8 +60,7 @@ def test_mpf_is_consistent_over_fifty_seeds() -> None:
     assert 0.90 < share.mean() < 0.99
     pooled = metrics.pool(rows)["mpf"]
     assert 1.4 <= pooled["anees_median"] <= 2.6
-    # With 600 particles a vehicle may lose its way in the first minute: at most three in 150.
-    assert pooled["lost_share"] <= 0.02
+    assert pooled["lost_share"] == 0
 
 
 def test_the_share_inside_the_ellipse_would_notice_a_wrong_covariance() -> None:

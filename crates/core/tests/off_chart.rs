@@ -36,8 +36,7 @@ fn a_vehicle_off_the_chart_says_so_reckons_and_recovers() {
             ("mpf<4>", Box::new(mpf::<4>(0, 1, mpf_options(600), &chart, seed))),
         ]
     };
-    let mut errors: [Vec<f64>; 3] = Default::default();
-    for (which, (name, mut navigator)) in (6..11).flat_map(|seed| navigators(seed).into_iter().enumerate()) {
+    for (name, mut navigator) in (6..11).flat_map(navigators) {
         navigator.handle(&fix(0, 0, vehicle.position_m(0), 25.0)).unwrap();
         let (mut left, mut off_seconds) = (None, 0);
         for second in 0..=290 {
@@ -65,16 +64,13 @@ fn a_vehicle_off_the_chart_says_so_reckons_and_recovers() {
             }
             if second == 60 || second == 290 {
                 assert_eq!(estimate.status, Status::Navigating, "{name} at {second} s");
+                let error = distance(estimate.mean_m, vehicle.position_m(t_ns));
+                // Off the chart it was 30 m uncertain; `dmpf` roughens by 1.4 m per axis and step.
+                let small = if name == "dmpf" { 6.0 } else { 3.0 };
+                assert!(error < small, "{name} is {error} m off at {second} s");
             }
         }
         assert!(off_seconds > 50);
-        errors[which]
-            .push(distance(navigator.estimate(290 * SECOND).mean_m, vehicle.position_m(290 * SECOND)));
-    }
-    // Off the chart they were 30 m uncertain; `dmpf` roughens by 1.4 m per axis and step.
-    for (errors, small) in errors.iter_mut().zip([4.0, 3.0, 3.0]) {
-        errors.sort_by(f64::total_cmp);
-        assert!(errors[2] < small && errors[4] < 3.0 * small, "{errors:?} m off at 290 s");
     }
 }
 
