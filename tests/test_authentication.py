@@ -301,3 +301,22 @@ def test_forged_packets_change_nothing_in_any_navigator(name: str) -> None:
     assert said[0] == said[1]
     assert "rejected" not in said[0][:1]
     assert mine.snapshot() == fresh.snapshot()
+
+
+@pytest.mark.parametrize(("size", "layout"), [(8, 2), (16, 1), (32, 1), (32, 2)])
+def test_exchange_packets_of_every_layout_carry_tags(size: int, layout: int) -> None:
+    """Checks of their own stay in the packet, beside the tag."""
+    packet = (
+        f"navigator.landmark.packet_bytes={size}",
+        f"navigator.landmark.packet_format={layout}",
+        "duration_s=400",
+    )
+    plain = uwcoop.run("seafloor-survey", ["landmark"], seed=1, overrides=packet, clouds=False)
+    key = 'acoustics.authentication.key_hex="000102030405060708090a0b0c0d0e0f"'
+    tagged = uwcoop.run(
+        "seafloor-survey", ["landmark"], seed=1, overrides=(*packet, f"{TAGS}=4", key), clouds=False
+    )
+    lengths = [np.unique(r.packets["bytes"][r.packets["accepted"]]) for r in (plain, tagged)]
+    own_check = size == 8 or layout == 1
+    assert lengths[0].tolist() == [size]
+    assert lengths[1].tolist() == [size + 4 - (0 if own_check else 2)]

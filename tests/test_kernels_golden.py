@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -15,16 +14,8 @@ Case = dict[str, np.ndarray[Any, Any]]
 
 
 @pytest.fixture
-def golden(reference: Path) -> Any:
-    folder = reference / "golden" / "dmpf"
-    if not folder.is_dir():
-        pytest.skip(f"golden cases are absent: {folder}")
-
-    def read(name: str) -> Case:
-        with np.load(folder / f"{name}.npz") as archive:
-            return {key: archive[key] for key in archive.files}
-
-    return read
+def golden(golden_cases: Any) -> Any:
+    return golden_cases("dmpf")
 
 
 def grid(case: Case) -> tuple[Any, float, float, float]:

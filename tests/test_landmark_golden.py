@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,16 +19,8 @@ CIRCULAR = [False, False, True, False, True, True]
 
 
 @pytest.fixture
-def golden(reference: Path) -> Any:
-    folder = reference / "golden" / "landmark"
-    if not folder.is_dir():
-        pytest.skip(f"golden cases are absent: {folder}")
-
-    def read(name: str) -> Case:
-        with np.load(folder / f"{name}.npz") as archive:
-            return {key: archive[key] for key in archive.files}
-
-    return read
+def golden(golden_cases: Any) -> Any:
+    return golden_cases("landmark")
 
 
 def near(actual: Any, expected: Any, atol: float = 1e-9) -> None:

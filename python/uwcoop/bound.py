@@ -12,6 +12,7 @@ import numpy as np
 
 from uwcoop import _native
 from uwcoop.navigators import native_chart, options_of
+from uwcoop.navigators.options import DRIFT_KEYS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -27,13 +28,7 @@ MODEL_OF = "mpf"
 """The packaged navigator whose options say what the team knows of its world."""
 
 _OPTIONS = (
-    "sigma_position_m_per_sqrt_s",
-    "sigma_current_mps_per_sqrt_s",
-    "sigma_current0_mps",
-    "sigma_heading_bias0_rad",
-    "sigma_heading_bias_rad_per_sqrt_s",
-    "sigma_thrust_bias0_mps",
-    "sigma_thrust_bias_mps_per_sqrt_s",
+    *DRIFT_KEYS,
     "bias_states",
     "sigma_depth_m",
     "sigma_offset0_m",

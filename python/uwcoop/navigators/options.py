@@ -38,6 +38,17 @@ DRIFT_PRESETS: dict[str, dict[str, float]] = {
 }
 """Drift by class of vehicle: what a preset states, an option of the same name overrides."""
 
+DRIFT_KEYS = (
+    "sigma_position_m_per_sqrt_s",
+    "sigma_current_mps_per_sqrt_s",
+    "sigma_current0_mps",
+    "sigma_heading_bias0_rad",
+    "sigma_heading_bias_rad_per_sqrt_s",
+    "sigma_thrust_bias0_mps",
+    "sigma_thrust_bias_mps_per_sqrt_s",
+)
+"""Options that say how dead reckoning drifts."""
+
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Share = Annotated[float, Field(gt=0, le=1)]

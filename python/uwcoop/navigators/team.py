@@ -8,18 +8,9 @@ from pydantic import Field
 
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
-from uwcoop.navigators.options import DRIFT_PRESETS, MpfOptions, NonNegative, Positive, Share
+from uwcoop.navigators.options import DRIFT_KEYS, DRIFT_PRESETS, MpfOptions, NonNegative, Positive, Share
 
 DriftName = Literal["table-1", "no-dvl", "dvl"]
-DRIFT_KEYS = (
-    "sigma_position_m_per_sqrt_s",
-    "sigma_current_mps_per_sqrt_s",
-    "sigma_current0_mps",
-    "sigma_heading_bias0_rad",
-    "sigma_heading_bias_rad_per_sqrt_s",
-    "sigma_thrust_bias0_mps",
-    "sigma_thrust_bias_mps_per_sqrt_s",
-)
 
 
 class TeamOptions(MpfOptions):

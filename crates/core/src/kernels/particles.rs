@@ -277,7 +277,7 @@ dispatch! {
 
 /// Σ x in eight interleaved lanes: vectorises, and its order depends on the length alone.
 #[inline(always)]
-fn sum(x: &[f64]) -> f64 {
+pub(super) fn sum(x: &[f64]) -> f64 {
     let (whole, rest) = x.as_chunks::<8>();
     let mut sums = [0.0; 8];
     for x in whole {
@@ -290,7 +290,7 @@ fn sum(x: &[f64]) -> f64 {
 
 /// Σ (x − mx)(y − my), likewise.
 #[inline(always)]
-fn product_sum(x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
+pub(super) fn product_sum(x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
     let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<8>(), y.as_chunks::<8>());
     let mut sums = [0.0; 8];
     for (x, y) in x.iter().zip(y) {

@@ -14,6 +14,7 @@
 use super::dispatch;
 use super::lookup::Grid;
 use super::math::ln;
+use super::particles::{product_sum, sum};
 
 /// Particles that are worked on together.
 pub const LANES: usize = 8;
@@ -708,30 +709,4 @@ fn cholesky(a: &mut [f64], d: usize) -> bool {
         }
     }
     true
-}
-
-/// Σ x in eight interleaved lanes.
-#[inline(always)]
-fn sum(x: &[f64]) -> f64 {
-    let (whole, rest) = x.as_chunks::<8>();
-    let mut sums = [0.0; 8];
-    for x in whole {
-        for l in 0..8 {
-            sums[l] += x[l];
-        }
-    }
-    sums.iter().sum::<f64>() + rest.iter().sum::<f64>()
-}
-
-/// Σ (x − mx)(y − my), likewise.
-#[inline(always)]
-fn product_sum(x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
-    let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<8>(), y.as_chunks::<8>());
-    let mut sums = [0.0; 8];
-    for (x, y) in x.iter().zip(y) {
-        for l in 0..8 {
-            sums[l] += (x[l] - mx) * (y[l] - my);
-        }
-    }
-    sums.iter().sum::<f64>() + x_rest.iter().zip(y_rest).map(|(x, y)| (x - mx) * (y - my)).sum::<f64>()
 }

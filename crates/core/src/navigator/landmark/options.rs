@@ -56,6 +56,14 @@ pub struct PacketOptions {
     pub search_points: usize,
 }
 
+impl PacketOptions {
+    /// Whether packets end in the checksum of [`seal`](crate::packet::seal); format 1 and 8 bytes have checks of their own.
+    #[must_use]
+    pub fn is_sealed(&self) -> bool {
+        self.format == ExchangeFormat::Two && self.size != ExchangeSize::B8
+    }
+}
+
 impl LandmarkOptions {
     /// Refuses what cannot be.
     ///

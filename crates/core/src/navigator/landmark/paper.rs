@@ -498,6 +498,10 @@ impl Navigator for LandmarkPaper {
         launched.map(Some)
     }
 
+    fn has_checksum(&self) -> bool {
+        self.options.packet.is_sealed()
+    }
+
     fn estimate(&self, t_ns: i64) -> Estimate {
         let state = &self.state;
         if !state.positioned {

@@ -497,6 +497,10 @@ impl Navigator for Landmark {
         }
     }
 
+    fn has_checksum(&self) -> bool {
+        self.options.packet.is_sealed()
+    }
+
     fn estimate(&self, t_ns: i64) -> Estimate {
         let status = if self.state.positioned { Status::Navigating } else { Status::NotStarted };
         let mut joint = self.state.joint.clone();
