@@ -239,7 +239,7 @@ def _packet(
     def ready() -> tuple[_native.Navigator, int]:
         navigator = build(name, context, options, None)
         assert isinstance(navigator, _native.Navigator)
-        launch_ns = _under_way(navigator, tables["acoustics"]["slot_s"] * vehicles)
+        launch_ns = _under_way(navigator, _sensors(tables), tables["acoustics"]["slot_s"] * vehicles)
         if tag_bytes:
             # The key does not change the length; the team's own stays where it is.
             navigator = navigator.sealed(0, vehicles, _native.Authenticator(bytes(16), tag_bytes, 0))
@@ -263,21 +263,35 @@ def _ranging(tables: Mapping[str, Any], vehicles: int) -> tuple[bool, ...]:
     return (False,) * (vehicles - users) + (True,) * users
 
 
-def _under_way(navigator: _native.Navigator, cycle_s: float) -> int:
-    """Two cycles of ordinary events and the first one's packet, so that the second one's holds what it holds on a
-    mission; its launch time."""
+def _sensors(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """What the first vehicle carries."""
+    team = tables.get("vehicles", ())
+    own = team[0].get("sensors", {}) if isinstance(team, list | tuple) and team else {}
+    return {**tables.get("sensors", {}), **own}
+
+
+def _under_way(navigator: _native.Navigator, sensors: Mapping[str, Any], cycle_s: float) -> int:
+    """Two cycles of ordinary events of a vehicle with these sensors and the first cycle's packet, so that the second
+    one's holds what it holds on a mission; its launch time."""
     start = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 1.0, "cov_en_m2": 0.0, "cov_nn_m2": 1.0}
     navigator.handle(_native.Event(0, 0, "fix", **start))
+    ordinary: dict[str, dict[str, Any]] = {
+        "depth": {"depth_m": 2.0, "sigma_m": 0.1},
+        "water_depth": {"water_depth_m": 20.0, "sigma_m": 0.1},
+    }
+    if "heading" in sensors:
+        ordinary["heading"] = {"yaw_rad": 0.46, "sigma_rad": 0.01}
+    if "ground_velocity" in sensors:
+        ordinary["ground_velocity"] = {"forward_mps": 1.1, "left_mps": 0.0, "sigma_mps": 0.05}
+    ordinary["motion"] = {"velocity_e_mps": 1.0, "velocity_n_mps": 0.5}
     seconds = min(max(1, round(cycle_s)), 600)
     for second in range(2 * seconds + 1):
         at = 1_000_000_000 * second
-        navigator.handle(_native.Event(at, 0, "depth", depth_m=2.0, sigma_m=0.1))
-        navigator.handle(_native.Event(at, 0, "water_depth", water_depth_m=20.0, sigma_m=0.1))
-        navigator.handle(_native.Event(at, 0, "heading", yaw_rad=0.46, sigma_rad=0.01))
-        navigator.handle(
-            _native.Event(at, 0, "ground_velocity", forward_mps=1.1, left_mps=0.0, sigma_mps=0.05)
-        )
-        navigator.handle(_native.Event(at, 0, "motion", velocity_e_mps=1.0, velocity_n_mps=0.5))
+        for kind, values in ordinary.items():
+            navigator.handle(_native.Event(at, 0, kind, **values))
+        if "gps" in sensors and second:
+            here = {"e_m": 1.0 * second, "n_m": 0.5 * second}
+            navigator.handle(_native.Event(at, 0, "fix", **(start | here)))
         if second == seconds:
             navigator.transmit(at, acoustics.NO_LIMIT_BYTES)
     return 1_000_000_000 * 2 * seconds
