@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -35,3 +38,20 @@ def golden_cases(reference: Path) -> Callable[[str], Callable[[str], Case]]:
         return read
 
     return folder
+
+
+@pytest.fixture(scope="session")
+def study_module() -> Callable[[str], ModuleType]:
+    """A module of `studies/`, which is no package, by its name."""
+
+    def load(name: str) -> ModuleType:
+        path = Path(__file__).parents[1] / "studies" / f"{name}.py"
+        spec = importlib.util.spec_from_file_location(f"studies_{name}", path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[spec.name] = module
+        spec.loader.exec_module(module)
+        return module
+
+    return load

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib.util
 import math
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -210,15 +212,9 @@ def test_plaza_against_a_graph_optimiser(reference: Path) -> None:
 
 
 @pytest.mark.long
-def test_plaza_against_gtsam_itself(reference: Path) -> None:
+def test_plaza_against_gtsam_itself(reference: Path, study_module: Callable[[str], ModuleType]) -> None:
     if importlib.util.find_spec("gtsam") is None:
         pytest.skip("gtsam is not installed")
     path = recorded(reference, "plaza/Plaza1_.mat")
-    study = Path(__file__).parents[1] / "studies" / "plaza_gtsam.py"
-    spec = importlib.util.spec_from_file_location("plaza_gtsam", study)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    ours, theirs = module.compared(path)
+    ours, theirs = study_module("plaza_gtsam").compared(path)
     assert ours == pytest.approx(theirs, rel=0.05)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.util
+from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,6 @@ def test_vehicles_sound_the_seabed_and_not_the_chart() -> None:
 # ------------------------------------------------------------------------------------- the bars, over 20 missions
 
 RUNS = 20
-STUDIES = Path(__file__).parents[1] / "studies"
 Pooled = dict[str, dict[str, float]]
 
 
@@ -79,16 +79,9 @@ def pooled(name: str | Path, navigators: str, *overrides: str, runs: int = RUNS)
     return found
 
 
-def writer(name: str, reference: Path, needed: str) -> Any:
-    """A module of `studies/`, which is no package; skips where the recording that it needs is absent."""
-    if not (reference / needed).is_file():
-        pytest.skip(f"{needed} is absent")
-    spec = importlib.util.spec_from_file_location(name, STUDIES / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+def needed(reference: Path, recording: str) -> None:
+    if not (reference / recording).is_file():
+        pytest.skip(f"{recording} is absent")
 
 
 @pytest.mark.long
@@ -114,8 +107,11 @@ def test_a_white_likelihood_fails_with_and_without_tails(tails: tuple[str, ...])
 
 @pytest.mark.long
 @pytest.mark.parametrize("drift", ["dvl", "no-dvl"])
-def test_the_same_on_real_soundings(reference: Path, tmp_path: Path, drift: str) -> None:
-    aburatsubo = writer("aburatsubo", reference, "data/aburatsubo/sessions_valid.csv.gz")
+def test_the_same_on_real_soundings(
+    reference: Path, study_module: Callable[[str], ModuleType], tmp_path: Path, drift: str
+) -> None:
+    needed(reference, "data/aburatsubo/sessions_valid.csv.gz")
+    aburatsubo = study_module("aburatsubo")
     teams = aburatsubo.teams(reference)
     assert sum(len(team) for team in teams) >= 5
     for team in teams:
@@ -129,8 +125,11 @@ def test_the_same_on_real_soundings(reference: Path, tmp_path: Path, drift: str)
 
 
 @pytest.mark.long
-def test_a_bottom_that_cannot_localise_is_said_to_be_one(reference: Path, tmp_path: Path) -> None:
-    navo = writer("navo", reference, "data/navo_bag/JD211_public_Release_1-4_UTM.bag")
+def test_a_bottom_that_cannot_localise_is_said_to_be_one(
+    reference: Path, study_module: Callable[[str], ModuleType], tmp_path: Path
+) -> None:
+    needed(reference, "data/navo_bag/JD211_public_Release_1-4_UTM.bag")
+    navo = study_module("navo")
     found = pooled(navo.write_mission(reference, tmp_path), "dead-reckoning,dmpf,mpf-terrain-only,mpf")
     reckoned = found["dead-reckoning"]
     for name in ("mpf", "mpf-terrain-only"):

@@ -364,6 +364,11 @@ fn read_entries(
 const MEAN: [&str; 4] = ["mean easting", "mean northing", "mean velocity east", "mean velocity north"];
 
 impl Widths {
+    /// How far an earlier mean may have moved, in its own sigmas.
+    fn most_shift(&self) -> f64 {
+        self.shift.decode((1 << (self.shift.bits - 1)) - 1)
+    }
+
     fn mean(&self, entry: usize) -> FixedField {
         if entry < 2 {
             fixed(MEAN[entry], "m", self.position, 100.0)
@@ -445,7 +450,13 @@ pub fn rounded(told: &Told, form: GraphForm) -> Result<GraphPacket, PacketError>
         }
     };
     for (id, earlier, step) in &told.lags {
-        lags.push((*id, Lag::Rounded(round_lag(&w, earlier, &back, step)?)));
+        let lag = round_lag(&w, earlier, &back, step)?;
+        // Lags are told by their place: after one whose mean moved too far for its field there are none, and the
+        // receiver has the filtered-error model.
+        if lag.shift.iter().any(|value| value.abs() > w.most_shift()) {
+            break;
+        }
+        lags.push((*id, Lag::Rounded(lag)));
     }
     Ok(GraphPacket { node: Node { filtered, ..told.node }, origin, tie, lags })
 }
@@ -503,7 +514,7 @@ pub(super) fn write_rounded(
         };
         let codes = w.lag.codes_of(w.shape, &lag.smoothed);
         w.lag.write(writer, w.shape, &codes)?;
-        let most = w.shift.decode((1 << (w.shift.bits - 1)) - 1);
+        let most = w.most_shift();
         for value in lag.shift.iter() {
             if value.abs() > most {
                 return Err(PacketError::OutOfRange {
