@@ -12,8 +12,8 @@ use uwcoop_core::error::Error;
 use uwcoop_core::kernels::likelihood::{
     RangeBelief, add_range_gaussian, range_eq17, terrain_log_likelihood_fast,
 };
-use uwcoop_core::kernels::lookup::{Pattern, pattern_depths};
 use uwcoop_core::kernels::particles::{Step, gather, prepare_step, propagate, propagate_drawn};
+use uwcoop_core::kernels::pattern::{Pattern, pattern_depths};
 use uwcoop_core::kernels::weights::{moments, normalise, residual_resample};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::dmpf::Dmpf;
@@ -53,7 +53,7 @@ fn weights(n: usize) -> Vec<f64> {
 
 fn lookups(c: &mut Criterion, chart: &Arc<Chart>) {
     let mut group = c.benchmark_group("lookup/pattern15");
-    let grid = chart.grid();
+    let grid = chart.cells();
     let mut pattern = Pattern::default();
     pattern.set(&grid, (0..15).map(|k| [-1.3 * f64::from(k), -0.7 * f64::from(k)]));
     for n in [600, 10_000] {

@@ -8,7 +8,7 @@
 //! (NaN) there is no depth; nothing is clamped.
 
 use crate::error::{Error, finite, non_negative, positive};
-use crate::kernels::lookup::{self, Grid};
+use crate::kernels::lookup::{self, Grid, Paired};
 
 /// Standard deviation of a chart's error.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,6 +28,7 @@ pub enum SigmaMap {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
     depth_m: Vec<f32>,
+    cells: Vec<Paired>,
     rows: usize,
     cols: usize,
     east0_m: f64,
@@ -93,6 +94,7 @@ impl Chart {
             return Err(Error::Chart("every node is a hole".into()));
         }
         Ok(Self {
+            cells: lookup::paired(&depth_m, cols),
             depth_m,
             rows,
             cols,
@@ -105,11 +107,21 @@ impl Chart {
         })
     }
 
-    /// The grid that lookups work on.
+    /// The grid, node by node.
     #[must_use]
     pub fn grid(&self) -> Grid<'_, f32> {
+        self.over(&self.depth_m)
+    }
+
+    /// The grid with each node's northern neighbour beside it: twice the memory, but one load a cell.
+    #[must_use]
+    pub fn cells(&self) -> Grid<'_, Paired> {
+        self.over(&self.cells)
+    }
+
+    fn over<'a, T>(&'a self, values: &'a [T]) -> Grid<'a, T> {
         Grid {
-            values: &self.depth_m,
+            values,
             rows: self.rows,
             cols: self.cols,
             east0_m: self.east0_m,

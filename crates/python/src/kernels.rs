@@ -8,8 +8,9 @@ use numpy::{
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use uwcoop_core::kernels::likelihood::{self, OffsetModel, RangeBelief};
-use uwcoop_core::kernels::lookup::{self, Grid, Pattern};
+use uwcoop_core::kernels::lookup::{self, Grid};
 use uwcoop_core::kernels::particles;
+use uwcoop_core::kernels::pattern::{self, Pattern};
 use uwcoop_core::kernels::weights;
 use uwcoop_core::mixture::fit;
 use uwcoop_core::packet::{Belief, BeliefPacket, Header, HeardBitmap, PacketKind};
@@ -236,7 +237,7 @@ fn pattern_depths<'py>(
     }
     let contiguous = depths.is_c_contiguous().then(|| depths.as_slice_mut().ok()).flatten();
     let depths = contiguous.ok_or_else(|| argument("out is not a C-contiguous array".to_string()))?;
-    let grid = chart.inner.grid();
+    let grid = chart.inner.cells();
     let mut pattern = Pattern::default();
     pattern.set(&grid, oe.iter().zip(&on).map(|(e, n)| [*e, *n]));
     let (mut east, mut north) = ([0.0; UNPACKED], [0.0; UNPACKED]);
@@ -254,7 +255,7 @@ fn pattern_depths<'py>(
             }
         }
         let (e, n_) = (&east[..here], &north[..here]);
-        if !lookup::pattern_rows(&grid, &pattern, e, n_, depths, n, start) {
+        if !pattern::pattern_rows(&grid, &pattern, e, n_, depths, n, start) {
             return Err(argument(
                 "positions_m plus offsets_m leave the chart or come within two cells of its edge".into(),
             ));

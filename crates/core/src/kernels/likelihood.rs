@@ -1,8 +1,9 @@
 //! Log-likelihoods of soundings and ranges, without 2π terms.
 
 use super::dispatch;
-use super::lookup::{Block, Grid, LANES, Node, Pattern, bilinear, pattern_blocks};
+use super::lookup::{Grid, Node, Paired, bilinear};
 use super::math::ln;
+use super::pattern::{Block, LANES, Pattern, pattern_blocks};
 
 /// Depth differences along a rigid segment (15), exact f64 path.
 ///
@@ -38,7 +39,7 @@ pub fn terrain_log_likelihood<T: Node>(
 /// As [`terrain_log_likelihood`] with NaN for missing, on the f32 path. False, and nothing written, where the pattern
 /// does not fit the grid or has not one point more than there are differences.
 pub fn terrain_log_likelihood_fast(
-    grid: &Grid<'_, f32>,
+    grid: &Grid<'_, Paired>,
     pattern: &Pattern,
     east: &[f64],
     north: &[f64],

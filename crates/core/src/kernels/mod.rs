@@ -16,6 +16,7 @@ pub mod lookup;
 pub mod math;
 pub mod mixture;
 pub mod particles;
+pub mod pattern;
 pub mod team;
 #[cfg(test)]
 mod variants;

@@ -7,8 +7,9 @@ use super::likelihood::{
     OffsetModel, RangeBelief, SoundingColumns, add_range_gaussian, range_eq17, sounding_update,
     terrain_log_likelihood_fast,
 };
-use super::lookup::{Grid, Pattern, bounds};
+use super::lookup::{Grid, paired};
 use super::particles::{Step, liu_west, prepare_step, propagate, propagate_drawn, roughen_drawn};
+use super::pattern::{Pattern, bounds};
 use super::weights::{known_share, moments, normalise, residual_copies};
 use super::{ALLOWED, Level, level};
 use crate::noise::{Purpose, Streams};
@@ -78,6 +79,7 @@ fn everything(n: usize) -> Vec<(&'static str, Vec<u64>)> {
     let values: Vec<f32> = (0..120 * 120)
         .map(|i| 15.0 + (0.013 * i as f32).sin() + 2.0 * (0.1 * (i / 120) as f32).cos())
         .collect();
+    let values = paired(&values, 120);
     let grid = Grid { values: &values, rows: 120, cols: 120, east0_m: 0.0, north0_m: 0.0, cell_m: 1.0 };
     let mut pattern = Pattern::default();
     pattern.set(&grid, (0..9).map(|k| [-1.3 * f64::from(k), 0.7 * f64::from(k)]));

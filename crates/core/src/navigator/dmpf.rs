@@ -16,7 +16,7 @@ use crate::chart::Chart;
 use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
-use crate::kernels::lookup::Pattern;
+use crate::kernels::pattern::Pattern;
 use crate::mixture::{Mode, fit};
 use crate::noise::{Purpose, Streams};
 use crate::packet::{Belief, MODES_MAX, PacketKind};
@@ -209,7 +209,7 @@ impl Dmpf {
 impl Scratch {
     /// Terrain log-likelihood (15); NaN for a particle whose segment touches no depth.
     fn terrain(&mut self, chart: &Chart, east: &[f64], north: &[f64], sigma_m: f64, out: &mut [f64]) {
-        let grid = chart.grid();
+        let grid = chart.cells();
         self.pattern.set(&grid, self.offsets.iter().copied());
         if !terrain_log_likelihood_fast(&grid, &self.pattern, east, north, &self.differences, sigma_m, out) {
             terrain_log_likelihood(

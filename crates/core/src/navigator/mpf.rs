@@ -15,7 +15,8 @@ use crate::cloud::Cloud;
 use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
-use crate::kernels::lookup::{Pattern, bilinear, pattern_depths};
+use crate::kernels::lookup::bilinear;
+use crate::kernels::pattern::{Pattern, pattern_depths};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
 use crate::noise::{Purpose, Streams};
 use crate::packet::PacketKind;
@@ -408,7 +409,7 @@ impl Scratch {
         ] {
             column.resize(n, 0.0);
         }
-        let grid = chart.grid();
+        let grid = chart.cells();
         self.here.set(&grid, std::iter::once([0.0, 0.0]));
         let depth = &mut self.depth;
         let inside = pattern_depths(&grid, &self.here, east, north, |first, count, _, depths| {
