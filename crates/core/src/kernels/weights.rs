@@ -309,7 +309,7 @@ pub fn residual_draw(uniforms: &[f64], residual_cdf: &[f64], counts: &mut [u32],
             let target = u * total;
             // The least index whose sum is above the target, from where the guide says it can begin. Two steps without
             // a branch nearly always suffice.
-            let bucket = (target * scale) as usize;
+            let bucket = (target * scale) as u32 as usize;
             let mut index = ancestors[bucket.min(n - 1)] as usize;
             for _ in 0..2 {
                 index += usize::from(index < n - 1 && residual_cdf[index] <= target);
@@ -329,8 +329,8 @@ pub fn residual_draw(uniforms: &[f64], residual_cdf: &[f64], counts: &mut [u32],
 fn guide(cdf: &[f64], scale: f64, guide: &mut [u32]) {
     guide.fill(0);
     for (i, c) in cdf.iter().enumerate() {
-        // Ascending: the last of a whole part stays.
-        if let Some(next) = guide.get_mut((c * scale) as usize + 1) {
+        // Ascending: the last of a whole part stays. By way of u32, which processors convert to in a third of the time.
+        if let Some(next) = guide.get_mut((c * scale) as u32 as usize + 1) {
             *next = i as u32 + 1;
         }
     }
