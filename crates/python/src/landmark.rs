@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
+use uwcoop_core::navigator::landmark::jump::JumpRule;
 use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading};
 use uwcoop_core::navigator::landmark::{
     Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
@@ -125,6 +126,17 @@ fn landmark_navigator(
                 quorum: o.count("consensus_quorum")?,
                 agree: o.number("consensus_agree")?,
                 disagree: o.number("consensus_disagree")?,
+            })
+        } else {
+            None
+        },
+        jump: if o.flag("recovery")? {
+            Some(JumpRule {
+                window: o.count("jump_window")? as u32,
+                sigma_m: o.number("jump_sigma_m")?,
+                sigma_rad: o.number("jump_sigma_yaw_rad")?,
+                share: o.number("jump_share")?,
+                odds: o.number("jump_odds")?,
             })
         } else {
             None

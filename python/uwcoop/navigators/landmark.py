@@ -137,6 +137,16 @@ class LandmarkOptions(ExchangeOptions):
     consensus_disagree: Positive = 30.0
     """Least χ² of three degrees of freedom for a reset (1.4e-6). At 20.5 (1.3e-4) a yaw step is believed sooner, but with
     20 % outliers one mission in eight is reset for nothing."""
+    jump_window: Annotated[int, Field(ge=1, le=100)] = 8
+    """For so many positionings a jump of the vehicle that its odometry did not notice is held possible."""
+    jump_sigma_m: NonNegative = 0.5
+    """How far such a jump goes, per axis …"""
+    jump_sigma_yaw_deg: NonNegative = 30.0
+    """… and how far it turns."""
+    jump_share: Share = 1e-4
+    """Prior odds of one between two positionings."""
+    jump_odds: Positive = 100.0
+    """Posterior odds from which one is believed."""
     bias_states: bool = False
     """Gyro bias, DVL scale and misalignment as states, calibrated while landed and by positioning."""
     sigma_gyro_bias0_degps: NonNegative = 0.01

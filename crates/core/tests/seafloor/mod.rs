@@ -8,6 +8,7 @@ use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
+use uwcoop_core::navigator::landmark::jump::JumpRule;
 use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading, wrap};
 use uwcoop_core::navigator::landmark::{
     Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
@@ -50,6 +51,7 @@ pub fn robust_options() -> LandmarkOptions {
         yaw_limit_rad: 20.0 * DEGREE,
         kurtosis_limit: 1.5,
         consensus: Some(ConsensusRule { window: 6, quorum: 4, agree: 7.8, disagree: 30.0 }),
+        jump: Some(JumpRule { window: 8, sigma_m: 0.5, sigma_rad: 30.0 * DEGREE, share: 1e-4, odds: 100.0 }),
         bias_sigma: [0.0; 3],
         gyro_bias_walk: 0.0,
         landing_sigma: [0.0; 2],

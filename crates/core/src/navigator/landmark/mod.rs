@@ -8,6 +8,7 @@
 
 pub mod consensus;
 pub mod joint;
+pub mod jump;
 pub mod link;
 pub mod model;
 pub mod odometry;

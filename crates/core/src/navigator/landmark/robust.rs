@@ -8,7 +8,8 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::consensus::Consensus;
-use super::joint::{Joint, Pair, at_transmit, seen};
+use super::joint::{Channels, Joint, Pair, at_transmit, seen};
+use super::jump::Jumps;
 use super::link::Exchanges;
 use super::model::{Measurement, offsets};
 use super::odometry::{Increment, Odometer};
@@ -44,8 +45,8 @@ impl Rest {
         }
     }
 
-    fn apply(&mut self, joint: &mut Joint) {
-        let rest = std::mem::take(self);
+    fn apply(&self, joint: &mut Joint) {
+        let rest = self;
         if rest.information > 0.0 && joint.covariance[(6, 6)] > 0.0 {
             let mut row = nalgebra::SMatrix::<f64, 1, 9>::zeros();
             row[6] = 1.0;
@@ -84,6 +85,7 @@ struct State {
     rest: Rest,
     pending: Option<(VehicleId, Pair)>,
     consensus: Consensus,
+    jumps: Jumps,
     step: u32,
     counts: Counts,
 }
@@ -116,6 +118,7 @@ impl Landmark {
             rest: Rest::default(),
             pending: None,
             consensus: Consensus::default(),
+            jumps: Jumps::default(),
             step: 0,
             counts: Counts::default(),
         };
@@ -145,10 +148,13 @@ impl Landmark {
                 self.state.joint = scatter.joint();
             }
         } else {
-            if moved {
-                self.state.joint.advance(&increment, walk);
+            let rest = std::mem::take(&mut self.state.rest);
+            for joint in self.state.jumps.joints().chain([&mut self.state.joint]) {
+                if moved {
+                    joint.advance(&increment, walk);
+                }
+                rest.apply(joint);
             }
-            self.state.rest.apply(&mut self.state.joint);
         }
     }
 
@@ -166,6 +172,7 @@ impl Landmark {
             return self.gated();
         }
         self.state.scatter = None;
+        self.state.jumps.clear();
         Outcome::Fused
     }
 
@@ -191,6 +198,7 @@ impl Landmark {
         let row = joint.own_rows().fixed_view::<1, 9>(2, 0).into_owned();
         joint.update(innovation, &row, variance, None);
         self.state.scatter = None;
+        self.state.jumps.clear();
         Outcome::Fused
     }
 
@@ -226,6 +234,7 @@ impl Landmark {
                 self.state.joint.place_own(&pose, &covariance);
                 self.state.scatter = None;
                 self.state.consensus.clear();
+                self.state.jumps.clear();
                 self.state.counts.resets += 1;
                 return Outcome::Fused;
             }
@@ -258,12 +267,14 @@ impl Landmark {
         self.state.exchanges.landmark = Some(peer);
         self.state.exchanges.first = false;
         self.state.consensus.clear();
+        self.state.jumps.clear();
     }
 
     /// Replaces particles by their moments.
     fn gaussian(&mut self) {
         if let Some(scatter) = self.state.scatter.take() {
             self.state.joint = scatter.joint();
+            self.state.jumps.clear();
         }
     }
 
@@ -281,6 +292,7 @@ impl Landmark {
                 let stream = self.stream(Purpose::Initial);
                 let scatter = Scatter::of(&self.state.joint, self.options.particles, &stream);
                 self.state.scatter = Some(scatter);
+                self.state.jumps.clear();
                 self.state.counts.core_changes += 1;
             }
             Some(scatter) if straight && scatter.kurtosis_ratio() <= self.options.kurtosis_limit => {
@@ -291,26 +303,34 @@ impl Landmark {
         }
     }
 
-    /// The Gaussian core's update, channel by channel, the sharpest first.
+    /// The Gaussian core's update.
     fn correct(&mut self, measured: &Measurement, delay: &Increment) -> Outcome {
-        let values = [measured.range_m, measured.own_rad, measured.peer_rad];
+        let channels =
+            Channels { sigma: self.options.acoustics.sigma, outliers: self.options.outliers };
+        let correction = self.state.joint.correct(measured, delay, &channels);
+        let counts = &mut self.state.counts;
         let (mut used, mut refused) = (false, false);
-        for channel in [2, 0, 1] {
-            let Some(value) = values[channel] else { continue };
-            let (innovation, row) = self.state.joint.channel(channel, value, delay);
-            let sigma = self.options.acoustics.sigma[channel];
-            let outlier = self.options.outliers.map(|(share, widths)| (share, widths[channel]));
-            let believed = self.state.joint.update(innovation, &row, sigma * sigma, outlier);
-            self.state.counts.believed[channel] = believed;
-            if believed < 0.5 {
-                self.state.counts.outliers[channel] += 1;
+        for (channel, share) in correction.shares.into_iter().enumerate() {
+            let Some(share) = share else { continue };
+            counts.believed[channel] = share;
+            if share < 0.5 {
+                counts.outliers[channel] += 1;
                 refused = true;
             } else {
                 used = true;
             }
         }
         if refused {
-            self.state.counts.rejected += 1;
+            counts.rejected += 1;
+        }
+        if let Some(rule) = self.options.jump {
+            let believed = correction.log_evidence;
+            let State { jumps, joint, .. } = &mut self.state;
+            if jumps.weigh(joint, believed, measured, delay, &channels, &rule) {
+                self.state.counts.resets += 1;
+                self.state.consensus.clear();
+            }
+            self.state.jumps.branch(&self.state.joint, &rule);
         }
         match (used, refused) {
             (true, _) => Outcome::Fused,
@@ -360,8 +380,7 @@ impl Landmark {
                 None => Sent { joint: self.state.joint.clone(), rest: Rest::default() },
             };
             self.state.joint.take_over(&sent.joint, &pair);
-            let mut rest = sent.rest;
-            rest.apply(&mut self.state.joint);
+            sent.rest.apply(&mut self.state.joint);
             self.state.sent = Some(sent);
             self.state.exchanges.landmark = Some(sender);
             self.state.exchanges.first = false;
@@ -381,6 +400,7 @@ impl Landmark {
         if landmark && !was {
             // From now on only packets and the gyro at rest change the belief.
             self.gaussian();
+            self.state.jumps.clear();
             if self.state.sent.is_none() {
                 self.state.sent = Some(Sent { joint: self.state.joint.clone(), rest: Rest::default() });
             }
@@ -399,7 +419,9 @@ impl Landmark {
         if self.state.odometer.land() {
             let [sigma_m, sigma_rad] = self.options.landing_sigma;
             self.gaussian();
-            self.state.joint.disturb(sigma_m, sigma_rad);
+            for joint in self.state.jumps.joints().chain([&mut self.state.joint]) {
+                joint.disturb(sigma_m, sigma_rad);
+            }
         }
     }
 
@@ -508,8 +530,7 @@ impl Navigator for Landmark {
         if increment.dt_s > 0.0 {
             joint.advance(&increment, self.options.gyro_bias_walk);
         }
-        let mut rest = self.state.rest;
-        rest.apply(&mut joint);
+        self.state.rest.apply(&mut joint);
         let (own, p) = (joint.own(), joint.own_covariance());
         let (mean_m, covariance_m2) = if self.state.positioned {
             ([own[0], own[1]], [p[(0, 0)], p[(0, 1)], p[(1, 1)]])
