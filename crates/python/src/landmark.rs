@@ -7,7 +7,7 @@ use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
 use uwcoop_core::navigator::landmark::jump::JumpRule;
 use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading};
 use uwcoop_core::navigator::landmark::{
-    Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
+    Averaged, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
 };
 use uwcoop_core::packet::landmark::{ExchangeFormat, ExchangeSize};
 
@@ -110,6 +110,7 @@ fn landmark_navigator(
     let bias = o.flag("bias_states")?;
     let prior = |name: &str| -> PyResult<f64> { if bias { o.number(name) } else { Ok(0.0) } };
     let share = o.number("outlier_share")?;
+    let recovery = if o.flag("recovery")? { Some(o.word("recovery_by")?) } else { None };
     let options = LandmarkOptions {
         acoustics: acoustics(&o, [3.0; 3])?,
         outliers: if share > 0.0 { Some((share, widths(&o)?)) } else { None },
@@ -120,7 +121,7 @@ fn landmark_navigator(
         bend_sigmas: o.number("bend_sigmas")?,
         yaw_limit_rad: o.number("yaw_limit_rad")?,
         kurtosis_limit: o.number("kurtosis_limit")?,
-        consensus: if o.flag("recovery")? {
+        consensus: if recovery.as_deref() == Some("consensus") {
             Some(ConsensusRule {
                 window: o.count("consensus_window")?,
                 quorum: o.count("consensus_quorum")?,
@@ -130,7 +131,7 @@ fn landmark_navigator(
         } else {
             None
         },
-        jump: if o.flag("recovery")? {
+        jump: if recovery.as_deref() == Some("odds") {
             Some(JumpRule {
                 window: o.count("jump_window")? as u32,
                 sigma_m: o.number("jump_sigma_m")?,
@@ -151,6 +152,11 @@ fn landmark_navigator(
         first_landmark: first_landmark(&o)?,
         packet: packet(&o)?,
     };
+    let bias_share = o.number("bias_share")?;
+    if bias && bias_share < 1.0 {
+        let made = Averaged::new(vehicle, vehicles, options, seed, bias_share);
+        return made.map(Navigator::of).map_err(navigator);
+    }
     Landmark::new(vehicle, vehicles, options, seed).map(Navigator::of).map_err(navigator)
 }
 

@@ -1,21 +1,23 @@
-//! Recovery from a jump: the belief "something moved the vehicle and its odometry did not notice" run in parallel.
+//! Recovery by odds: the belief that something moved the vehicle unnoticed by its odometry, followed in parallel.
 //!
-//! Before each positioning a copy of the belief is set apart whose own pose jumped just then. All copies and the belief
-//! itself are corrected by the same measurements with the same outlier mixture; each keeps the logarithm of its odds
-//! against the belief, the prior of a jump included. An outlier is explained by the mixture at the price of its share,
-//! so one wild measurement does not turn the odds; a few that agree with one jump do. The belief that gave way stays
-//! among the alternatives with its odds, so a false alarm is taken back when the next measurements speak for it.
+//! After each positioning a copy of the belief is set apart whose own pose jumps just then, by little; and each complete
+//! positioning founds another one that stands where it says: a jump to anywhere. All copies and the belief itself are
+//! corrected by the same measurements with the same outlier mixture; each keeps the logarithm of its odds against the
+//! belief, the prior of a jump included. The mixture explains an outlier at the price of its share, so one wild
+//! measurement does not turn the odds; a few that agree with one jump do. The belief that gave way stays among the
+//! alternatives with its odds, so a false alarm is taken back when the next measurements speak for it.
 
 use std::collections::VecDeque;
 
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::joint::{Channels, Joint};
 use super::model::Measurement;
 use super::odometry::Increment;
 
-/// Alternatives less likely than e^−20 are forgotten.
-const LOG_ODDS_LEAST: f64 = -20.0;
+/// Alternatives with less than e^−30 of the belief's odds are forgotten.
+const LOG_ODDS_LEAST: f64 = -30.0;
 
 /// What a jump is, and when it is believed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -64,8 +66,25 @@ impl Jumps {
         self.alternatives.push_back(Alternative { joint, log_odds: rule.share.ln(), age: 0 });
     }
 
+    /// Founds an alternative on a positioning that the belief expected with the log-evidence `believed`: its pose may be
+    /// any, so that each channel had the density of an outlier.
+    pub fn found(
+        &mut self,
+        before: &Joint,
+        (pose, covariance): &(Vector3<f64>, Matrix3<f64>),
+        believed: f64,
+        widths: [f64; 3],
+        rule: &JumpRule,
+    ) {
+        let mut joint = before.clone();
+        joint.place_own(pose, covariance);
+        let anywhere: f64 = widths.into_iter().map(f64::ln).sum();
+        let log_odds = rule.share.ln() - anywhere - believed;
+        self.alternatives.push_back(Alternative { joint, log_odds, age: 0 });
+    }
+
     /// Corrects all alternatives by what the belief, with the log-evidence `believed`, was corrected by, and puts the
-    /// likeliest in the belief's place where its odds suffice. True if it did.
+    /// likeliest in the belief's place where its odds suffice: then the logarithm of these.
     pub fn weigh(
         &mut self,
         belief: &mut Joint,
@@ -74,19 +93,17 @@ impl Jumps {
         delay: &Increment,
         channels: &Channels,
         rule: &JumpRule,
-    ) -> bool {
+    ) -> Option<f64> {
         for a in &mut self.alternatives {
             a.log_odds += a.joint.correct(measured, delay, channels).log_evidence - believed;
             a.age += 1;
         }
         self.alternatives.retain(|a| a.age <= rule.window && a.log_odds > LOG_ODDS_LEAST);
-        let Some(best) = self.alternatives.iter().enumerate().max_by(|a, b| a.1.log_odds.total_cmp(&b.1.log_odds))
-        else {
-            return false;
-        };
-        let (k, gained) = (best.0, best.1.log_odds);
+        let likeliest =
+            self.alternatives.iter().enumerate().max_by(|a, b| a.1.log_odds.total_cmp(&b.1.log_odds));
+        let (k, gained) = likeliest.map(|(k, a)| (k, a.log_odds))?;
         if gained < rule.odds.ln() {
-            return false;
+            return None;
         }
         for a in &mut self.alternatives {
             a.log_odds -= gained;
@@ -94,6 +111,6 @@ impl Jumps {
         let taken = &mut self.alternatives[k];
         std::mem::swap(&mut taken.joint, belief);
         (taken.log_odds, taken.age) = (-gained, 0);
-        true
+        Some(gained)
     }
 }

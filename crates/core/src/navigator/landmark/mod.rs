@@ -6,6 +6,7 @@
 //! * [`robust`]: `landmark` and `landmark-ekf`, one Gaussian over mover, landmark and biases; also dead reckoning from
 //!   DVL and gyro, which is the same without positionings.
 
+pub mod averaged;
 pub mod consensus;
 pub mod joint;
 pub mod jump;
@@ -18,6 +19,7 @@ pub mod paper_cloud;
 pub mod robust;
 pub mod scatter;
 
+pub use averaged::Averaged;
 pub use options::{LandmarkOptions, PacketOptions};
 pub use paper::{LandmarkPaper, PaperOptions};
 pub use robust::Landmark;

@@ -8,7 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::consensus::Consensus;
-use super::joint::{Channels, Joint, Pair, at_transmit, seen};
+use super::joint::{Channels, Correction, Joint, Pair, at_transmit, seen};
 use super::jump::Jumps;
 use super::link::Exchanges;
 use super::model::{Measurement, offsets};
@@ -17,11 +17,11 @@ use super::options::LandmarkOptions;
 use super::scatter::Scatter;
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
-use crate::mixture::select;
+use crate::mixture::{Mode, select};
 use crate::navigator::common::{check_event, load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status};
 use crate::noise::{Purpose, Stream, Streams};
-use crate::packet::landmark::ExchangePacket;
+use crate::packet::PacketError;
 
 /// Which coordinates of a packet are angles.
 pub const PACKET_ANGLES: [bool; 6] = [false, false, true, false, true, true];
@@ -45,14 +45,15 @@ impl Rest {
         }
     }
 
-    fn apply(&self, joint: &mut Joint) {
-        let rest = self;
-        if rest.information > 0.0 && joint.covariance[(6, 6)] > 0.0 {
-            let mut row = nalgebra::SMatrix::<f64, 1, 9>::zeros();
-            row[6] = 1.0;
-            let innovation = rest.weighted_sum / rest.information - joint.mean[6];
-            joint.update(innovation, &row, 1.0 / rest.information, None);
+    /// Corrects the gyro's bias, where it is a state; the logarithm of the readings' density before that.
+    fn apply(&self, joint: &mut Joint) -> f64 {
+        if self.information <= 0.0 {
+            return 0.0;
         }
+        let mut row = nalgebra::SMatrix::<f64, 1, 9>::zeros();
+        row[6] = 1.0;
+        let innovation = self.weighted_sum / self.information - joint.mean[6];
+        joint.update(innovation, &row, 1.0 / self.information, None).log_evidence
     }
 }
 
@@ -86,6 +87,8 @@ struct State {
     pending: Option<(VehicleId, Pair)>,
     consensus: Consensus,
     jumps: Jumps,
+    /// Logarithm of the density that the belief gave to what was measured.
+    log_evidence: f64,
     step: u32,
     counts: Counts,
 }
@@ -119,6 +122,7 @@ impl Landmark {
             pending: None,
             consensus: Consensus::default(),
             jumps: Jumps::default(),
+            log_evidence: 0.0,
             step: 0,
             counts: Counts::default(),
         };
@@ -149,12 +153,15 @@ impl Landmark {
             }
         } else {
             let rest = std::mem::take(&mut self.state.rest);
+            let mut readings = 0.0;
             for joint in self.state.jumps.joints().chain([&mut self.state.joint]) {
                 if moved {
                     joint.advance(&increment, walk);
                 }
-                rest.apply(joint);
+                readings = rest.apply(joint);
             }
+            // The belief is the last of them.
+            self.state.log_evidence += readings;
         }
     }
 
@@ -225,7 +232,7 @@ impl Landmark {
         self.state.counts.offsets = offsets(joint.seen(), at, [0.0; 3], measured);
         let outcome = match self.state.scatter {
             Some(_) => self.weigh(measured, &delay),
-            None => self.correct(measured, &delay),
+            None => self.correct(measured, &delay, placed.as_ref()),
         };
         if let (Some((pose, covariance)), Some(rule)) = (placed, self.options.consensus) {
             self.state.consensus.push(pose, covariance, &rule);
@@ -303,11 +310,33 @@ impl Landmark {
         }
     }
 
-    /// The Gaussian core's update.
-    fn correct(&mut self, measured: &Measurement, delay: &Increment) -> Outcome {
-        let channels =
-            Channels { sigma: self.options.acoustics.sigma, outliers: self.options.outliers };
+    /// The Gaussian core's update, and the alternatives to it.
+    fn correct(
+        &mut self,
+        measured: &Measurement,
+        delay: &Increment,
+        placed: Option<&(Vector3<f64>, Matrix3<f64>)>,
+    ) -> Outcome {
+        let (sigma, outliers) = (self.options.acoustics.sigma, self.options.outliers);
+        let channels = Channels { sigma, outliers };
+        let before = self.state.joint.clone();
         let correction = self.state.joint.correct(measured, delay, &channels);
+        let believed = correction.log_evidence;
+        self.state.log_evidence += believed;
+        let Some(rule) = self.options.jump else { return self.tally(&correction) };
+        let State { jumps, joint, counts, log_evidence, .. } = &mut self.state;
+        if let Some(gained) = jumps.weigh(joint, believed, measured, delay, &channels, &rule) {
+            counts.resets += 1;
+            *log_evidence += gained;
+        } else if let (Some(placed), Some((_, widths))) = (placed, outliers) {
+            jumps.found(&before, placed, believed, widths, &rule);
+        }
+        jumps.branch(joint, &rule);
+        self.tally(&correction)
+    }
+
+    /// Counts what was believed of a positioning.
+    fn tally(&mut self, correction: &Correction) -> Outcome {
         let counts = &mut self.state.counts;
         let (mut used, mut refused) = (false, false);
         for (channel, share) in correction.shares.into_iter().enumerate() {
@@ -322,15 +351,6 @@ impl Landmark {
         }
         if refused {
             counts.rejected += 1;
-        }
-        if let Some(rule) = self.options.jump {
-            let believed = correction.log_evidence;
-            let State { jumps, joint, .. } = &mut self.state;
-            if jumps.weigh(joint, believed, measured, delay, &channels, &rule) {
-                self.state.counts.resets += 1;
-                self.state.consensus.clear();
-            }
-            self.state.jumps.branch(&self.state.joint, &rule);
         }
         match (used, refused) {
             (true, _) => Outcome::Fused,
@@ -435,12 +455,27 @@ impl Landmark {
         self.state.odometer.yaw_rate(reading, sigma);
     }
 
-    /// The belief as modes for the packet.
-    fn modes(&mut self) -> Option<Vec<crate::mixture::Mode<6>>> {
+    /// Logarithm of the density that this filter gave to all that was measured.
+    pub(super) fn log_evidence(&self) -> f64 {
+        self.state.log_evidence
+    }
+
+    /// Whether this vehicle is to hand over: it stands, is not the landmark, and knows of one.
+    pub(super) fn has_news(&self) -> bool {
+        let exchanges = &self.state.exchanges;
+        self.options.use_fixes
+            && self.state.odometer.landed()
+            && !exchanges.is_landmark
+            && exchanges.landmark.is_some()
+    }
+
+    /// The belief up to now as modes for the packet.
+    pub(super) fn modes(&mut self) -> Result<Vec<Mode<6>>, Error> {
+        self.settle();
         let options = self.options.packet;
         let stream = self.stream(Purpose::Belief);
-        let Some(scatter) = &self.state.scatter else { return Some(vec![self.state.joint.polar()]) };
-        select(
+        let Some(scatter) = &self.state.scatter else { return Ok(vec![self.state.joint.polar()]) };
+        let fitted = select(
             &scatter.polar(),
             &scatter.weights,
             PACKET_ANGLES,
@@ -449,10 +484,46 @@ impl Landmark {
             &options.fit,
             options.search_points,
             &stream,
-        )
-        .map(|fitted| fitted.modes)
+        );
+        let none = PacketError::NotDefinite { field: "belief of an exchange" };
+        Ok(fitted.ok_or(none)?.modes)
+    }
+
+    /// Sends the modes, and keeps the belief for when the role comes back: its pose as it was told.
+    pub(super) fn launch(
+        &mut self,
+        modes: Vec<Mode<6>>,
+        tol_ns: i64,
+        capacity_bytes: usize,
+    ) -> Result<Option<Arc<[u8]>>, Error> {
+        let pair = Pair::of(&modes);
+        let packet = self.state.exchanges.packet(modes, &self.options.packet, tol_ns);
+        let told = self.state.exchanges.told(packet, capacity_bytes)?;
+        self.gaussian();
+        let mut joint = self.state.joint.clone();
+        if let Some(pair) = pair {
+            joint.mean.fixed_rows_mut::<3>(0).copy_from(&pair.seen);
+            joint.mean.fixed_rows_mut::<3>(3).copy_from(&pair.landmark);
+        }
+        self.state.sent = Some(Sent { joint, rest: Rest::default() });
+        Ok(told)
+    }
+
+    /// A copy of the state, for [`Self::silent`].
+    pub(super) fn kept(&self) -> Kept {
+        Kept(Box::new(self.state.clone()))
+    }
+
+    /// Takes back a launch that came to nothing; that it did is counted.
+    pub(super) fn silent(&mut self, before: Kept) {
+        let untold = self.state.exchanges.untold;
+        self.state = *before.0;
+        self.state.exchanges.untold = untold;
     }
 }
+
+/// A state to return to.
+pub(super) struct Kept(Box<State>);
 
 impl Navigator for Landmark {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
@@ -499,24 +570,16 @@ impl Navigator for Landmark {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        let exchanges = &self.state.exchanges;
-        let told = exchanges.landmark.is_some();
-        if !self.options.use_fixes || !self.state.odometer.landed() || exchanges.is_landmark || !told {
+        if !self.has_news() {
             return Ok(None);
         }
-        let bytes = self.options.packet.size.bytes();
-        if bytes > capacity_bytes {
-            return Err(Error::PacketTooLong { bytes, capacity: capacity_bytes });
+        let before = self.kept();
+        let modes = self.modes();
+        let launched = modes.and_then(|modes| self.launch(modes, tol_ns, capacity_bytes));
+        if !matches!(launched, Ok(Some(_))) {
+            self.silent(before);
         }
-        let before = self.state.clone();
-        self.settle();
-        match self.launch(tol_ns) {
-            Ok(bytes) => Ok(Some(bytes)),
-            Err(error) => {
-                self.state = before;
-                Err(error)
-            }
-        }
+        launched
     }
 
     fn has_checksum(&self) -> bool {
@@ -572,6 +635,7 @@ impl Navigator for Landmark {
             ("core_particles", f64::from(u8::from(self.state.scatter.is_some()))),
             ("core_changes", c.core_changes as f64),
             ("resets", c.resets as f64),
+            ("packets_untold", self.state.exchanges.untold as f64),
             ("outliers_range", c.outliers[0] as f64),
             ("outliers_own_bearing", c.outliers[1] as f64),
             ("outliers_peer_bearing", c.outliers[2] as f64),
@@ -588,19 +652,5 @@ impl Navigator for Landmark {
             ("dvl_scale", b.y),
             ("dvl_misalignment_rad", b.z),
         ]
-    }
-}
-
-impl Landmark {
-    fn launch(&mut self, tol_ns: i64) -> Result<Arc<[u8]>, Error> {
-        let modes =
-            self.modes().ok_or(crate::packet::PacketError::NotDefinite { field: "belief of an exchange" })?;
-        let packet = ExchangePacket { sequence: Some(self.state.exchanges.sequence()), modes };
-        let options = self.options.packet;
-        let bytes = packet.encode(options.format, options.size, self.own, tol_ns)?;
-        self.gaussian();
-        self.state.exchanges.sent();
-        self.state.sent = Some(Sent { joint: self.state.joint.clone(), rest: Rest::default() });
-        Ok(bytes.into())
     }
 }
