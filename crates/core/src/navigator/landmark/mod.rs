@@ -8,6 +8,8 @@
 
 pub mod averaged;
 pub mod consensus;
+mod fixes;
+mod handover;
 pub mod joint;
 pub mod jump;
 pub mod link;
@@ -16,6 +18,7 @@ pub mod odometry;
 pub mod options;
 pub mod paper;
 pub mod paper_cloud;
+mod rest;
 pub mod robust;
 pub mod scatter;
 
