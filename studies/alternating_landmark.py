@@ -234,7 +234,7 @@ odds 10, outlier share 0.05, jumps of 0.2 m and 30°, a window of 8.
   brought its losses back.
 * Lower odds notice a turn sooner and are deceived more often; higher odds are deceived no less and notice later.
 * A likelihood that expects more outliers is deceived no less, and notices later.
-* Wider jumps are noticed later; a longer window changes nothing.
+* Wider jumps and a longer window change nothing.
 * Fewer states for biases: without the gyro's, the misalignment or the scale, the loss where there are no biases is
   still at least a third of that with all three. Averaging over whether there are any does help.""",
         others(
