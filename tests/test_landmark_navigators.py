@@ -62,6 +62,92 @@ def test_the_bars_of_the_survey(runs: Runs) -> None:
     assert np.mean([run["rmse_m"] <= 0.3 and run["yaw_rmse_deg"] <= 1.0 for run in paper]) >= 0.8
 
 
+OUTLIERS_20 = ("seafloor-survey-outliers", "mutual.outlier_share=0.2")
+
+
+def lost(run: dict[str, Any]) -> bool:
+    return bool(run["worst_m"] > 1.0 or run["worst_deg"] > 5.0)
+
+
+@pytest.mark.parametrize("mission", [("seafloor-survey-kidnap",), OUTLIERS_20])
+def test_no_turn_and_no_outlier_loses_a_vehicle(runs: Runs, mission: tuple[str, ...]) -> None:
+    scenario, *overrides = mission
+    # Seeds 16 and 44 notice a turn late, 30 and 48 have outliers that agree with one.
+    for seed in (16, 44) if scenario.endswith("kidnap") else (30, 48):
+        (run,) = runs(scenario, range(seed, seed + 1), ["landmark"], *overrides)["landmark"]
+        assert run["rmse_m"] <= 0.35, seed
+        assert not lost(run), seed
+        assert run["resets"] <= 1, seed
+
+
+def test_states_for_biases_cost_little_where_there_are_none(runs: Runs) -> None:
+    states = "navigator.landmark.bias_states=true"
+    without, averaged, alone = (
+        np.mean([run["rmse_m"] for run in runs("seafloor-survey", range(6), ["landmark"], *o)["landmark"]])
+        for o in ((), (states,), (states, "navigator.landmark.bias_share=1.0"))
+    )
+    assert averaged < 1.15 * without
+    assert averaged < alone
+
+
+def test_a_longer_packet_does_not_hurt(runs: Runs) -> None:
+    found = [
+        runs("seafloor-survey", range(4), ["landmark"], f"navigator.landmark.packet_bytes={size}")["landmark"]
+        for size in (32, 64, 128)
+    ]
+    for short, long in zip(found[0], found[2], strict=True):
+        assert long["rmse_m"] == pytest.approx(short["rmse_m"], rel=1e-9)
+        assert long["bytes"] == 32
+
+
+@pytest.mark.parametrize("size", [8, 16])
+def test_many_exchanges_of_small_packets_end_well(runs: Runs, size: int) -> None:
+    (run,) = runs("seafloor-survey-1km", range(1), ["landmark"], f"navigator.landmark.packet_bytes={size}")[
+        "landmark"
+    ]
+    assert run["bytes"] == size
+    assert run["worst_m"] < 60
+    assert run["anees"] < 2
+
+
+@pytest.mark.long
+def test_the_bars_of_recovery_and_outliers(runs: Runs) -> None:
+    kidnapped = runs("seafloor-survey-kidnap", range(50), ["landmark"])["landmark"]
+    assert np.mean([run["rmse_m"] <= 0.35 for run in kidnapped]) >= 0.98
+    assert not any(lost(run) for run in kidnapped)
+    assert not any(run["resets"] for run in runs("seafloor-survey", range(50, 100), ["landmark"])["landmark"])
+    for mission, *overrides in (OUTLIERS_20, ("seafloor-survey-outliers",)):
+        assert not any(lost(run) for run in runs(mission, range(50), ["landmark"], *overrides)["landmark"])
+
+
+@pytest.mark.long
+def test_the_bars_of_biases(runs: Runs) -> None:
+    biased = runs("seafloor-survey-bias", range(50), ["landmark"])["landmark"]
+    assert np.median([run["rmse_m"] for run in biased]) <= 0.20
+    assert np.median([run["yaw_rmse_deg"] for run in biased]) <= 0.7
+    assert 0.8 <= np.mean([run["anees"] for run in biased]) <= 1.3
+    plain, states = (
+        np.median([run["rmse_m"] for run in runs("seafloor-survey", range(50), ["landmark"], *o)["landmark"]])
+        for o in ((), ("navigator.landmark.bias_states=true",))
+    )
+    assert states <= 1.10 * plain
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("size", "most"), [(32, 1.8), (40, 1.5)])
+def test_the_bars_of_a_kilometre(runs: Runs, size: int, most: float) -> None:
+    found = runs("seafloor-survey-1km", range(20), ["landmark"], f"navigator.landmark.packet_bytes={size}")[
+        "landmark"
+    ]
+    assert np.mean([run["anees"] for run in found]) <= most
+
+
+@pytest.mark.long
+def test_the_bars_of_a_team(runs: Runs) -> None:
+    found = runs("seafloor-survey-team", range(50), ["landmark"])["landmark"]
+    assert 0.8 <= np.mean([run["sub_anees"] for run in found]) <= 1.3
+
+
 @pytest.mark.parametrize(
     ("option", "value"),
     [("packet_bytes", 24), ("sigma_range_m", 0.0), ("outlier_share", 1.0), ("monitor_reading", "log10")],

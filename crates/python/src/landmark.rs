@@ -4,9 +4,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
+use uwcoop_core::navigator::landmark::jump::JumpRule;
 use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading};
 use uwcoop_core::navigator::landmark::{
-    Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
+    Averaged, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
 };
 use uwcoop_core::packet::landmark::{ExchangeFormat, ExchangeSize};
 
@@ -109,6 +110,7 @@ fn landmark_navigator(
     let bias = o.flag("bias_states")?;
     let prior = |name: &str| -> PyResult<f64> { if bias { o.number(name) } else { Ok(0.0) } };
     let share = o.number("outlier_share")?;
+    let recovery = if o.flag("recovery")? { Some(o.word("recovery_by")?) } else { None };
     let options = LandmarkOptions {
         acoustics: acoustics(&o, [3.0; 3])?,
         outliers: if share > 0.0 { Some((share, widths(&o)?)) } else { None },
@@ -119,12 +121,23 @@ fn landmark_navigator(
         bend_sigmas: o.number("bend_sigmas")?,
         yaw_limit_rad: o.number("yaw_limit_rad")?,
         kurtosis_limit: o.number("kurtosis_limit")?,
-        consensus: if o.flag("recovery")? {
+        consensus: if recovery.as_deref() == Some("consensus") {
             Some(ConsensusRule {
                 window: o.count("consensus_window")?,
                 quorum: o.count("consensus_quorum")?,
                 agree: o.number("consensus_agree")?,
                 disagree: o.number("consensus_disagree")?,
+            })
+        } else {
+            None
+        },
+        jump: if recovery.as_deref() == Some("odds") {
+            Some(JumpRule {
+                window: o.count("jump_window")? as u32,
+                sigma_m: o.number("jump_sigma_m")?,
+                sigma_rad: o.number("jump_sigma_yaw_rad")?,
+                share: o.number("jump_share")?,
+                odds: o.number("jump_odds")?,
             })
         } else {
             None
@@ -139,6 +152,11 @@ fn landmark_navigator(
         first_landmark: first_landmark(&o)?,
         packet: packet(&o)?,
     };
+    let bias_share = o.number("bias_share")?;
+    if bias && bias_share < 1.0 {
+        let made = Averaged::new(vehicle, vehicles, options, seed, bias_share);
+        return made.map(Navigator::of).map_err(navigator);
+    }
     Landmark::new(vehicle, vehicles, options, seed).map(Navigator::of).map_err(navigator)
 }
 

@@ -129,16 +129,31 @@ class LandmarkOptions(ExchangeOptions):
     kurtosis_limit: Positive = 1.5
     """… and, to leave the particles, their kurtosis is at most so many times a Gaussian's."""
     recovery: bool = True
-    """Reset the mover where several positionings agree with each other and contradict the belief."""
+    """Start the mover anew where several positionings agree with each other and contradict the belief."""
+    recovery_by: Literal["odds", "consensus"] = "odds"
+    """odds: alternatives in which the vehicle jumped are followed beside the belief until one is likelier; consensus: a
+    vote of the last positionings, which sees a turn later and is deceived by outliers more often."""
+    jump_window: Annotated[int, Field(ge=1, le=100)] = 8
+    """For so many positionings a jump of the vehicle that its odometry did not notice is held possible."""
+    jump_sigma_m: NonNegative = 0.2
+    """How far such a jump goes, per axis …"""
+    jump_sigma_yaw_deg: NonNegative = 30.0
+    """… and how far it turns. One that goes anywhere is followed besides."""
+    jump_share: Share = 1e-4
+    """Prior odds of one between two positionings."""
+    jump_odds: Positive = 10.0
+    """Posterior odds from which one is believed."""
     consensus_window: Annotated[int, Field(ge=2, le=100)] = 6
     consensus_quorum: Annotated[int, Field(ge=2, le=100)] = 4
     consensus_agree: Positive = 7.8
     """Largest χ² of three degrees of freedom between two that agree (95 %)."""
     consensus_disagree: Positive = 30.0
-    """Least χ² of three degrees of freedom for a reset (1.4e-6). At 20.5 (1.3e-4) a yaw step is believed sooner, but with
-    20 % outliers one mission in eight is reset for nothing."""
+    """Least χ² of three degrees of freedom for a reset (1.4e-6)."""
     bias_states: bool = False
     """Gyro bias, DVL scale and misalignment as states, calibrated while landed and by positioning."""
+    bias_share: Share = 0.5
+    """Prior probability that there are such biases: a filter without them runs beside, and the estimate is the mean of
+    both, weighed by how well each foresaw what was measured. 1: the states alone."""
     sigma_gyro_bias0_degps: NonNegative = 0.01
     sigma_gyro_bias_degps_per_sqrt_s: NonNegative = 0.0
     sigma_dvl_scale0: NonNegative = 0.01

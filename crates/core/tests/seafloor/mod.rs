@@ -8,9 +8,10 @@ use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
+use uwcoop_core::navigator::landmark::jump::JumpRule;
 use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading, wrap};
 use uwcoop_core::navigator::landmark::{
-    Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
+    Averaged, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
 };
 use uwcoop_core::noise::{Purpose, Streams};
 use uwcoop_core::packet::landmark::{ExchangeFormat, ExchangeSize};
@@ -21,7 +22,7 @@ const DEGREE: f64 = PI / 180.0;
 /// Table 4.
 pub const SIGMA: [f64; 3] = [0.66, 6.0 * DEGREE, DEGREE];
 pub const SIGMA_TURN: f64 = 0.0745 * DEGREE;
-const SPEED: f64 = 0.15;
+pub const SPEED: f64 = 0.15;
 
 pub fn packet(size: ExchangeSize) -> PacketOptions {
     PacketOptions {
@@ -37,6 +38,16 @@ pub fn acoustics() -> Acoustics {
     Acoustics { sigma: SIGMA, threshold: [3.0; 3] }
 }
 
+pub fn jump_rule() -> JumpRule {
+    JumpRule { window: 8, sigma_m: 0.2, sigma_rad: 30.0 * DEGREE, share: 1e-4, odds: 10.0 }
+}
+
+/// The options of recovery by a vote of the last positionings.
+pub fn by_consensus() -> LandmarkOptions {
+    let rule = ConsensusRule { window: 6, quorum: 4, agree: 7.8, disagree: 30.0 };
+    LandmarkOptions { consensus: Some(rule), jump: None, ..robust_options() }
+}
+
 /// `landmark` as packaged.
 pub fn robust_options() -> LandmarkOptions {
     LandmarkOptions {
@@ -49,7 +60,8 @@ pub fn robust_options() -> LandmarkOptions {
         bend_sigmas: 0.5,
         yaw_limit_rad: 20.0 * DEGREE,
         kurtosis_limit: 1.5,
-        consensus: Some(ConsensusRule { window: 6, quorum: 4, agree: 7.8, disagree: 30.0 }),
+        consensus: None,
+        jump: Some(jump_rule()),
         bias_sigma: [0.0; 3],
         gyro_bias_walk: 0.0,
         landing_sigma: [0.0; 2],
@@ -80,6 +92,7 @@ pub fn navigators(own: VehicleId, vehicles: usize) -> Vec<(&'static str, Box<dyn
     biased.bias_sigma = [0.01 * DEGREE, 0.01, 0.5 * DEGREE];
     vec![
         ("landmark", Box::new(Landmark::new(own, vehicles, robust_options(), 7).unwrap())),
+        ("landmark averaged over biases", Box::new(Averaged::new(own, vehicles, biased, 7, 0.5).unwrap())),
         ("landmark with biases", Box::new(Landmark::new(own, vehicles, biased, 7).unwrap())),
         ("landmark-paper", Box::new(LandmarkPaper::new(own, vehicles, paper_options(300), 7).unwrap())),
     ]

@@ -27,6 +27,33 @@ pub struct Joint {
     pub covariance: Covariance,
 }
 
+/// Range, own and peer's bearing: standard deviations, and (ε, widths) of their outliers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Channels {
+    /// m, rad, rad.
+    pub sigma: [f64; 3],
+    /// `None`: every measurement is believed.
+    pub outliers: Option<(f64, [f64; 3])>,
+}
+
+/// What a mixture made of one scalar.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Believed {
+    /// Probability that it was no outlier.
+    pub share: f64,
+    /// Logarithm of its density before it was used.
+    pub log_evidence: f64,
+}
+
+/// What came of a positioning.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Correction {
+    /// Of each channel that was measured, how much was believed.
+    pub shares: [Option<f64>; 3],
+    /// Logarithm of the density of all of it.
+    pub log_evidence: f64,
+}
+
 /// What keeps a variance from vanishing where it is divided by: 0.1 mm, 0.001°.
 const FLOOR: [f64; 3] = [1e-8, 1e-8, 3e-10];
 
@@ -167,7 +194,7 @@ impl Joint {
         }
     }
 
-    /// One scalar measurement; `outlier` is (ε, W). Returns the share of the measurement that was believed.
+    /// One scalar measurement; `outlier` is (ε, W).
     ///
     /// The posterior of the mixture (1 − ε) N(ν; 0, S) + ε / W is replaced by its mean and covariance.
     pub fn update(
@@ -176,20 +203,36 @@ impl Joint {
         row: &SMatrix<f64, 1, STATES>,
         variance: f64,
         outlier: Option<(f64, f64)>,
-    ) -> f64 {
+    ) -> Believed {
         let cross = self.covariance * row.transpose();
         let s = (row * cross)[0] + variance;
-        let believed = outlier.map_or(1.0, |(share, width)| {
-            let inlier = (1.0 - share) * (-0.5 * innovation * innovation / s).exp()
-                / (std::f64::consts::TAU * s).sqrt();
-            inlier / (inlier + share / width)
+        let log_density = -0.5 * (innovation * innovation / s + (std::f64::consts::TAU * s).ln());
+        let (share, log_evidence) = outlier.map_or((1.0, log_density), |(share, width)| {
+            let (inlier, wild) = ((1.0 - share) * log_density.exp(), share / width);
+            (inlier / (inlier + wild), (inlier + wild).ln())
         });
         let gain = cross / s;
-        self.mean += gain * (believed * innovation);
+        self.mean += gain * (share * innovation);
         self.wrap();
-        let spread = believed * (1.0 - believed) * innovation * innovation - believed * s;
+        let spread = share * (1.0 - share) * innovation * innovation - share * s;
         self.covariance = symmetric(&(self.covariance + gain * gain.transpose() * spread));
-        believed
+        Believed { share, log_evidence }
+    }
+
+    /// A positioning, channel by channel, the sharpest first.
+    pub fn correct(&mut self, measured: &Measurement, delay: &Increment, channels: &Channels) -> Correction {
+        let values = [measured.range_m, measured.own_rad, measured.peer_rad];
+        let mut correction = Correction { shares: [None; 3], log_evidence: 0.0 };
+        for channel in [2, 0, 1] {
+            let Some(value) = values[channel] else { continue };
+            let (innovation, row) = self.channel(channel, value, delay);
+            let sigma = channels.sigma[channel];
+            let outlier = channels.outliers.map(|(share, widths)| (share, widths[channel]));
+            let believed = self.update(innovation, &row, sigma * sigma, outlier);
+            correction.shares[channel] = Some(believed.share);
+            correction.log_evidence += believed.log_evidence;
+        }
+        correction
     }
 
     /// A position in the world; false, and nothing changed, if it contradicts the belief by more than χ² `gate`.
@@ -240,8 +283,14 @@ impl Joint {
         let mut by_z = SMatrix::<f64, STATES, 3>::zeros();
         by_z.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
         by_z.fixed_view_mut::<3, 3>(3, 0).copy_from(&(by_back * inverse_by(z)));
+        // What the tangents leave out of two uncertain turns: the products of their errors, on the arm between the two.
+        // One positioning knows the yaw to 6°; over dozens of such placements this is what would be claimed and not known.
+        let own_turn = self.own_covariance()[(2, 2)];
+        let bend = (z.x * z.x + z.y * z.y) * covariance[(2, 2)] * (own_turn + 0.5 * covariance[(2, 2)]);
         self.covariance =
             symmetric(&(from * self.covariance * from.transpose() + by_z * covariance * by_z.transpose()));
+        self.covariance[(3, 3)] += bend;
+        self.covariance[(4, 4)] += bend;
         self.mean.fixed_rows_mut::<3>(3).copy_from(&compose(&own, &back));
         self.mean.fixed_rows_mut::<3>(0).copy_from(z);
     }

@@ -1,9 +1,13 @@
 //! A vehicle's side of the role exchanges: what was sent, what was accepted, who is the landmark.
 
+use std::sync::Arc;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::event::{Payload, VehicleId};
+use crate::mixture::Mode;
+use crate::packet::PacketError;
 use crate::packet::landmark::ExchangePacket;
 
 use super::options::PacketOptions;
@@ -14,6 +18,8 @@ pub struct Exchanges {
     own: VehicleId,
     newest_tol_ns: Vec<Option<i64>>,
     sequence: u8,
+    /// Slots left silent because the packet does not hold the belief.
+    pub untold: u64,
     /// Whether this vehicle is the landmark.
     pub is_landmark: bool,
     /// Whom positionings are with.
@@ -35,6 +41,7 @@ impl Exchanges {
             own,
             newest_tol_ns: vec![None; vehicles],
             sequence: 0,
+            untold: 0,
             is_landmark: false,
             landmark: None,
             first: true,
@@ -70,7 +77,7 @@ impl Exchanges {
         options: &PacketOptions,
     ) -> Option<ExchangePacket> {
         let newest = self.newest_tol_ns.get_mut(usize::from(sender))?;
-        if newest.is_some_and(|newest| tol_ns <= newest) || bytes.len() != options.size.bytes() {
+        if newest.is_some_and(|newest| tol_ns <= newest) || !options.size.admits(bytes.len()) {
             return None;
         }
         let packet = ExchangePacket::decode(bytes, options.format, landmark_m, sender, tol_ns).ok()?;
@@ -78,14 +85,48 @@ impl Exchanges {
         Some(packet)
     }
 
-    /// The number of the next packet, modulo 16.
-    #[must_use]
-    pub fn sequence(&self) -> u8 {
-        self.sequence & 15
+    /// The packet of these modes in the shortest size that holds them, with the number of the next one.
+    ///
+    /// # Errors
+    /// As [`ExchangePacket::encode`].
+    pub fn packet(
+        &self,
+        modes: Vec<Mode<6>>,
+        options: &PacketOptions,
+        tol_ns: i64,
+    ) -> Result<Vec<u8>, PacketError> {
+        let size = options.size.least_for(modes.len());
+        let packet = ExchangePacket { sequence: Some(self.sequence & 15), modes };
+        packet.encode(options.format, size, self.own, tol_ns)
     }
 
-    /// Counts a packet as sent.
-    pub fn sent(&mut self) {
+    fn sent(&mut self) {
         self.sequence = self.sequence.wrapping_add(1);
+    }
+
+    /// A belief that its packet cannot hold is not told: any value that fits would claim what is not known, and whoever
+    /// hears nothing places the new landmark by its own positionings. Other errors stay errors.
+    ///
+    /// # Errors
+    /// [`Error::Packet`] for a belief that is no belief; [`Error::PacketTooLong`] for a slot too short.
+    pub fn told(
+        &mut self,
+        packet: Result<Vec<u8>, PacketError>,
+        capacity_bytes: usize,
+    ) -> Result<Option<Arc<[u8]>>, Error> {
+        match packet {
+            Ok(bytes) if bytes.len() > capacity_bytes => {
+                Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes })
+            }
+            Ok(bytes) => {
+                self.sent();
+                Ok(Some(bytes.into()))
+            }
+            Err(PacketError::OutOfRange { .. }) => {
+                self.untold += 1;
+                Ok(None)
+            }
+            Err(error) => Err(error.into()),
+        }
     }
 }

@@ -1,6 +1,7 @@
 //! What `landmark`, `landmark-ekf` and the dead reckoning from DVL and gyro are made from.
 
 use super::consensus::ConsensusRule;
+use super::jump::JumpRule;
 use super::model::{Acoustics, Gate, Pose};
 use crate::error::{Error, non_negative};
 use crate::mixture::FitOptions;
@@ -29,6 +30,8 @@ pub struct LandmarkOptions {
     pub kurtosis_limit: f64,
     /// Recovery; `None` never resets.
     pub consensus: Option<ConsensusRule>,
+    /// Alternatives in which the vehicle jumped; `None`: none are followed.
+    pub jump: Option<JumpRule>,
     /// Priors of gyro bias (rad/s), DVL scale, DVL misalignment (rad); zeros: no bias states.
     pub bias_sigma: [f64; 3],
     /// Walk of the gyro bias, rad/s/√s.
@@ -109,6 +112,12 @@ impl LandmarkOptions {
             }
             non_negative("consensus_agree", rule.agree)?;
             non_negative("consensus_disagree", rule.disagree)?;
+        }
+        if let Some(rule) = self.jump {
+            non_negative("jump_sigma_m", rule.sigma_m)?;
+            non_negative("jump_sigma_yaw_rad", rule.sigma_rad)?;
+            check_share("jump_share", rule.share)?;
+            crate::error::positive("jump_odds", rule.odds)?;
         }
         Ok(())
     }

@@ -24,7 +24,6 @@ use crate::navigator::common::{check_event, load, save, seconds};
 use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status};
 use crate::noise::{Purpose, Stream, Streams};
 use crate::packet::PacketError;
-use crate::packet::landmark::ExchangePacket;
 
 /// Options of `landmark-paper`. Defaults live with the Python model.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -408,7 +407,7 @@ impl LandmarkPaper {
     }
 
     /// Section II.D: clustering with model selection at the packet's capacity.
-    fn launch(&mut self, tol_ns: i64) -> Result<Arc<[u8]>, Error> {
+    fn launch(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
         let options = self.options.packet;
         let polar = self.state.cloud.polar();
         let weights = vec![1.0 / polar.len() as f64; polar.len()];
@@ -427,17 +426,17 @@ impl LandmarkPaper {
             );
             let modes = fitted.map(|f| f.modes).unwrap_or_default();
             let count = modes.len();
-            let packet = ExchangePacket { sequence: Some(self.state.exchanges.sequence()), modes };
-            match packet.encode(options.format, options.size, self.own, tol_ns) {
-                Ok(bytes) => {
-                    self.state.exchanges.sent();
-                    self.state.counts.modes = count as u64;
-                    return Ok(bytes.into());
-                }
-                // Modes further apart than their fields: fewer of them, fitted anew.
-                Err(PacketError::OutOfRange { .. }) if count > 1 => most = count - 1,
-                Err(error) => return Err(error.into()),
+            let packet = self.state.exchanges.packet(modes, &options, tol_ns);
+            // Modes further apart than their fields: fewer of them, fitted anew.
+            if count > 1 && matches!(packet, Err(PacketError::OutOfRange { .. })) {
+                most = count - 1;
+                continue;
             }
+            let told = self.state.exchanges.told(packet, capacity_bytes)?;
+            if told.is_some() {
+                self.state.counts.modes = count as u64;
+            }
+            return Ok(told);
         }
     }
 }
@@ -486,16 +485,12 @@ impl Navigator for LandmarkPaper {
         if !self.state.landed || exchanges.is_landmark || exchanges.landmark.is_none() {
             return Ok(None);
         }
-        let bytes = self.options.packet.size.bytes();
-        if bytes > capacity_bytes {
-            return Err(Error::PacketTooLong { bytes, capacity: capacity_bytes });
-        }
         let step = self.state.step;
-        let launched = self.launch(tol_ns);
-        if launched.is_err() {
+        let launched = self.launch(tol_ns, capacity_bytes);
+        if !matches!(launched, Ok(Some(_))) {
             self.state.step = step;
         }
-        launched.map(Some)
+        launched
     }
 
     fn has_checksum(&self) -> bool {
@@ -567,6 +562,7 @@ impl Navigator for LandmarkPaper {
             ("offset_own_bearing_rad", c.offsets[1]),
             ("offset_peer_bearing_rad", c.offsets[2]),
             ("packet_modes", c.modes as f64),
+            ("packets_untold", self.state.exchanges.untold as f64),
             ("landmark_e_m", landmark[0]),
             ("landmark_n_m", landmark[1]),
             ("landmark_yaw_rad", landmark[2]),

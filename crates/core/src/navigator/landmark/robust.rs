@@ -1,26 +1,26 @@
-//! `landmark`: alternating landmark with a Gaussian core, particles where that does not do, and recovery by consensus.
+//! `landmark`: alternating landmark with a Gaussian core, particles where that does not do, and recovery by odds.
 //!
 //! Odometry is pre-integrated, so 5 Hz sensors cost next to nothing; work is done at a positioning, a packet or a role.
 
 use std::sync::Arc;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
 use super::consensus::Consensus;
-use super::joint::{Joint, Pair, at_transmit, seen};
+use super::joint::{Joint, Pair};
+use super::jump::Jumps;
 use super::link::Exchanges;
-use super::model::{Measurement, offsets};
-use super::odometry::{Increment, Odometer};
+use super::model::Measurement;
+use super::odometry::Odometer;
 use super::options::LandmarkOptions;
+use super::rest::{Rest, Sent};
 use super::scatter::Scatter;
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
-use crate::mixture::select;
 use crate::navigator::common::{check_event, load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status};
 use crate::noise::{Purpose, Stream, Streams};
-use crate::packet::landmark::ExchangePacket;
 
 /// Which coordinates of a packet are angles.
 pub const PACKET_ANGLES: [bool; 6] = [false, false, true, false, true, true];
@@ -29,71 +29,41 @@ const FIX_GATE: f64 = 24.0;
 /// Variance of a yaw of which nothing is known: uniform on the circle.
 const UNKNOWN_YAW: f64 = std::f64::consts::PI * std::f64::consts::PI / 3.0;
 
-/// Gyro readings of a vehicle at rest: each is the bias and noise.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-struct Rest {
-    information: f64,
-    weighted_sum: f64,
-}
-
-impl Rest {
-    fn add(&mut self, reading: f64, sigma: f64) {
-        if sigma > 0.0 {
-            self.information += 1.0 / (sigma * sigma);
-            self.weighted_sum += reading / (sigma * sigma);
-        }
-    }
-
-    fn apply(&mut self, joint: &mut Joint) {
-        let rest = std::mem::take(self);
-        if rest.information > 0.0 && joint.covariance[(6, 6)] > 0.0 {
-            let mut row = nalgebra::SMatrix::<f64, 1, 9>::zeros();
-            row[6] = 1.0;
-            let innovation = rest.weighted_sum / rest.information - joint.mean[6];
-            joint.update(innovation, &row, 1.0 / rest.information, None);
-        }
-    }
-}
-
-/// The belief as it was broadcast, and what the gyro has said at rest since.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Sent {
-    joint: Joint,
-    rest: Rest,
-}
-
 /// Numbers for pictures and tables.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-struct Counts {
-    rejected: u64,
-    resets: u64,
-    core_changes: u64,
-    outliers: [u64; 3],
-    offsets: [f64; 3],
-    believed: [f64; 3],
+pub(super) struct Counts {
+    pub(super) rejected: u64,
+    pub(super) resets: u64,
+    pub(super) core_changes: u64,
+    pub(super) outliers: [u64; 3],
+    pub(super) offsets: [f64; 3],
+    pub(super) believed: [f64; 3],
 }
 
 #[derive(Clone, Serialize, Deserialize)]
-struct State {
-    odometer: Odometer,
-    joint: Joint,
-    scatter: Option<Scatter>,
-    positioned: bool,
-    exchanges: Exchanges,
-    sent: Option<Sent>,
-    rest: Rest,
-    pending: Option<(VehicleId, Pair)>,
-    consensus: Consensus,
-    step: u32,
-    counts: Counts,
+pub(super) struct State {
+    pub(super) odometer: Odometer,
+    pub(super) joint: Joint,
+    pub(super) scatter: Option<Scatter>,
+    pub(super) positioned: bool,
+    pub(super) exchanges: Exchanges,
+    pub(super) sent: Option<Sent>,
+    pub(super) rest: Rest,
+    pub(super) pending: Option<(VehicleId, Pair)>,
+    pub(super) consensus: Consensus,
+    pub(super) jumps: Jumps,
+    /// Logarithm of the density that the belief gave to what was measured.
+    pub(super) log_evidence: f64,
+    pub(super) step: u32,
+    pub(super) counts: Counts,
 }
 
 /// Alternating landmark of one vehicle, as mover, landmark or follower.
 pub struct Landmark {
-    own: VehicleId,
-    options: LandmarkOptions,
-    streams: Streams,
-    state: State,
+    pub(super) own: VehicleId,
+    pub(super) options: LandmarkOptions,
+    pub(super) streams: Streams,
+    pub(super) state: State,
 }
 
 impl Landmark {
@@ -116,19 +86,21 @@ impl Landmark {
             rest: Rest::default(),
             pending: None,
             consensus: Consensus::default(),
+            jumps: Jumps::default(),
+            log_evidence: 0.0,
             step: 0,
             counts: Counts::default(),
         };
         Ok(Self { own, options, streams: Streams::new(seed, own), state })
     }
 
-    fn stream(&mut self, purpose: Purpose) -> Stream {
+    pub(super) fn stream(&mut self, purpose: Purpose) -> Stream {
         self.state.step = self.state.step.wrapping_add(1);
         self.streams.at(purpose, self.state.step)
     }
 
     /// Brings the belief up to the odometer's time.
-    fn settle(&mut self) {
+    pub(super) fn settle(&mut self) {
         let increment = self.state.odometer.take();
         let walk = self.options.gyro_bias_walk;
         let moved = increment.dt_s > 0.0;
@@ -145,10 +117,16 @@ impl Landmark {
                 self.state.joint = scatter.joint();
             }
         } else {
-            if moved {
-                self.state.joint.advance(&increment, walk);
+            let rest = std::mem::take(&mut self.state.rest);
+            let mut readings = 0.0;
+            for joint in self.state.jumps.joints().chain([&mut self.state.joint]) {
+                if moved {
+                    joint.advance(&increment, walk);
+                }
+                readings = rest.apply(joint);
             }
-            self.state.rest.apply(&mut self.state.joint);
+            // The belief is the last of them.
+            self.state.log_evidence += readings;
         }
     }
 
@@ -166,6 +144,7 @@ impl Landmark {
             return self.gated();
         }
         self.state.scatter = None;
+        self.state.jumps.clear();
         Outcome::Fused
     }
 
@@ -191,207 +170,13 @@ impl Landmark {
         let row = joint.own_rows().fixed_view::<1, 9>(2, 0).into_owned();
         joint.update(innovation, &row, variance, None);
         self.state.scatter = None;
+        self.state.jumps.clear();
         Outcome::Fused
     }
 
-    fn gated(&mut self) -> Outcome {
+    pub(super) fn gated(&mut self) -> Outcome {
         self.state.counts.rejected += 1;
         Outcome::Gated
-    }
-
-    fn positioning(&mut self, peer: VehicleId, transmit_ns: i64, measured: &Measurement) -> Outcome {
-        if !self.options.use_fixes || self.state.exchanges.is_landmark || !self.state.positioned {
-            return Outcome::Noted;
-        }
-        self.settle();
-        let delay = self.state.odometer.since_ns(transmit_ns);
-        let placed = seen(measured, self.options.acoustics.sigma, &delay, &self.state.joint.bias());
-        if self.state.exchanges.landmark != Some(peer)
-            && let Some(outcome) = self.change_landmark(peer, placed)
-        {
-            return outcome;
-        }
-        self.choose_core();
-        let joint = &self.state.joint;
-        let at = at_transmit(joint.seen(), &delay, &joint.bias());
-        self.state.counts.offsets = offsets(joint.seen(), at, [0.0; 3], measured);
-        let outcome = match self.state.scatter {
-            Some(_) => self.weigh(measured, &delay),
-            None => self.correct(measured, &delay),
-        };
-        if let (Some((pose, covariance)), Some(rule)) = (placed, self.options.consensus) {
-            self.state.consensus.push(pose, covariance, &rule);
-            let (belief, spread) = self.state.joint.relative();
-            if let Some((pose, covariance)) = self.state.consensus.verdict(&belief, &spread, &rule) {
-                self.state.joint.place_own(&pose, &covariance);
-                self.state.scatter = None;
-                self.state.consensus.clear();
-                self.state.counts.resets += 1;
-                return Outcome::Fused;
-            }
-        }
-        outcome
-    }
-
-    /// Another landmark answers: take up the packet about it, or place it as seen from here.
-    fn change_landmark(
-        &mut self,
-        peer: VehicleId,
-        placed: Option<(Vector3<f64>, Matrix3<f64>)>,
-    ) -> Option<Outcome> {
-        let told = self.state.pending.take_if(|(sender, _)| *sender == peer);
-        if let Some((_, pair)) = told {
-            self.gaussian();
-            self.state.joint.follow(&pair);
-        } else if self.state.exchanges.landmark.is_some() || !self.state.exchanges.first {
-            let Some((pose, covariance)) = placed else { return Some(self.gated()) };
-            self.gaussian();
-            self.state.joint.place_landmark(&pose, &covariance);
-            self.follow(peer);
-            return Some(Outcome::Fused);
-        }
-        self.follow(peer);
-        None
-    }
-
-    fn follow(&mut self, peer: VehicleId) {
-        self.state.exchanges.landmark = Some(peer);
-        self.state.exchanges.first = false;
-        self.state.consensus.clear();
-    }
-
-    /// Replaces particles by their moments.
-    fn gaussian(&mut self) {
-        if let Some(scatter) = self.state.scatter.take() {
-            self.state.joint = scatter.joint();
-        }
-    }
-
-    /// Particles where the tangent of a positioning bends within the belief's spread, else a Gaussian.
-    fn choose_core(&mut self) {
-        if self.options.particles == 0 {
-            return;
-        }
-        let polar = self.state.joint.polar();
-        let bend = 0.5 * polar.mean[3] * polar.covariance[(4, 4)];
-        let straight = bend <= self.options.bend_sigmas * self.options.acoustics.sigma[0]
-            && polar.covariance[(5, 5)].sqrt() <= self.options.yaw_limit_rad;
-        match &self.state.scatter {
-            None if !straight => {
-                let stream = self.stream(Purpose::Initial);
-                let scatter = Scatter::of(&self.state.joint, self.options.particles, &stream);
-                self.state.scatter = Some(scatter);
-                self.state.counts.core_changes += 1;
-            }
-            Some(scatter) if straight && scatter.kurtosis_ratio() <= self.options.kurtosis_limit => {
-                self.gaussian();
-                self.state.counts.core_changes += 1;
-            }
-            _ => {}
-        }
-    }
-
-    /// The Gaussian core's update, channel by channel, the sharpest first.
-    fn correct(&mut self, measured: &Measurement, delay: &Increment) -> Outcome {
-        let values = [measured.range_m, measured.own_rad, measured.peer_rad];
-        let (mut used, mut refused) = (false, false);
-        for channel in [2, 0, 1] {
-            let Some(value) = values[channel] else { continue };
-            let (innovation, row) = self.state.joint.channel(channel, value, delay);
-            let sigma = self.options.acoustics.sigma[channel];
-            let outlier = self.options.outliers.map(|(share, widths)| (share, widths[channel]));
-            let believed = self.state.joint.update(innovation, &row, sigma * sigma, outlier);
-            self.state.counts.believed[channel] = believed;
-            if believed < 0.5 {
-                self.state.counts.outliers[channel] += 1;
-                refused = true;
-            } else {
-                used = true;
-            }
-        }
-        if refused {
-            self.state.counts.rejected += 1;
-        }
-        match (used, refused) {
-            (true, _) => Outcome::Fused,
-            (false, true) => Outcome::Gated,
-            (false, false) => Outcome::Noted,
-        }
-    }
-
-    /// The particles' update.
-    fn weigh(&mut self, measured: &Measurement, delay: &Increment) -> Outcome {
-        let (acoustics, gate) = (self.options.acoustics, self.options.gate());
-        let (jitter, draw) = (self.stream(Purpose::Jitter), self.stream(Purpose::Resample));
-        let Some(scatter) = &mut self.state.scatter else { return Outcome::Noted };
-        if !scatter.weigh(measured, delay, &acoustics, &gate) {
-            return self.gated();
-        }
-        if scatter.ess() < self.options.resample_share * scatter.states.len() as f64 {
-            let mut u0 = [0.0];
-            draw.uniforms(0, &mut u0);
-            scatter.resample(u0[0], self.options.roughening, &jitter);
-        }
-        self.state.joint = scatter.joint();
-        Outcome::Fused
-    }
-
-    fn reception(&mut self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Outcome {
-        if !self.options.use_fixes || !self.state.positioned {
-            return Outcome::Noted;
-        }
-        let known = if self.state.exchanges.is_landmark {
-            self.state.joint.own()
-        } else {
-            self.state.joint.landmark()
-        };
-        let packet =
-            self.state.exchanges.receive(sender, tol_ns, bytes, [known[0], known[1]], &self.options.packet);
-        let Some(pair) = packet.and_then(|p| Pair::of(&p.modes)) else {
-            self.state.counts.rejected += 1;
-            return Outcome::Rejected;
-        };
-        self.settle();
-        if self.state.exchanges.is_landmark {
-            self.gaussian();
-            // A repeated packet replaces the one before: both stand on what was sent, not on each other.
-            let sent = match &self.state.sent {
-                Some(sent) => sent.clone(),
-                None => Sent { joint: self.state.joint.clone(), rest: Rest::default() },
-            };
-            self.state.joint.take_over(&sent.joint, &pair);
-            let mut rest = sent.rest;
-            rest.apply(&mut self.state.joint);
-            self.state.sent = Some(sent);
-            self.state.exchanges.landmark = Some(sender);
-            self.state.exchanges.first = false;
-            return Outcome::Fused;
-        }
-        if self.state.exchanges.landmark == Some(sender) {
-            return Outcome::Noted;
-        }
-        self.state.pending = Some((sender, pair));
-        Outcome::Fused
-    }
-
-    fn role(&mut self, landmark: bool) {
-        self.settle();
-        let was = self.state.exchanges.is_landmark;
-        self.state.exchanges.is_landmark = landmark;
-        if landmark && !was {
-            // From now on only packets and the gyro at rest change the belief.
-            self.gaussian();
-            if self.state.sent.is_none() {
-                self.state.sent = Some(Sent { joint: self.state.joint.clone(), rest: Rest::default() });
-            }
-            self.state.exchanges.landmark = None;
-            self.state.exchanges.first = false;
-            self.state.pending = None;
-        }
-        if was && !landmark {
-            self.state.sent = None;
-            self.state.consensus.clear();
-        }
     }
 
     fn land(&mut self) {
@@ -399,7 +184,9 @@ impl Landmark {
         if self.state.odometer.land() {
             let [sigma_m, sigma_rad] = self.options.landing_sigma;
             self.gaussian();
-            self.state.joint.disturb(sigma_m, sigma_rad);
+            for joint in self.state.jumps.joints().chain([&mut self.state.joint]) {
+                joint.disturb(sigma_m, sigma_rad);
+            }
         }
     }
 
@@ -411,24 +198,6 @@ impl Landmark {
             }
         }
         self.state.odometer.yaw_rate(reading, sigma);
-    }
-
-    /// The belief as modes for the packet.
-    fn modes(&mut self) -> Option<Vec<crate::mixture::Mode<6>>> {
-        let options = self.options.packet;
-        let stream = self.stream(Purpose::Belief);
-        let Some(scatter) = &self.state.scatter else { return Some(vec![self.state.joint.polar()]) };
-        select(
-            &scatter.polar(),
-            &scatter.weights,
-            PACKET_ANGLES,
-            options.size.modes(),
-            options.criterion,
-            &options.fit,
-            options.search_points,
-            &stream,
-        )
-        .map(|fitted| fitted.modes)
     }
 }
 
@@ -477,24 +246,16 @@ impl Navigator for Landmark {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        let exchanges = &self.state.exchanges;
-        let told = exchanges.landmark.is_some();
-        if !self.options.use_fixes || !self.state.odometer.landed() || exchanges.is_landmark || !told {
+        if !self.has_news() {
             return Ok(None);
         }
-        let bytes = self.options.packet.size.bytes();
-        if bytes > capacity_bytes {
-            return Err(Error::PacketTooLong { bytes, capacity: capacity_bytes });
+        let before = self.kept();
+        let modes = self.modes();
+        let launched = modes.and_then(|modes| self.launch(modes, tol_ns, capacity_bytes));
+        if !matches!(launched, Ok(Some(_))) {
+            self.silent(before);
         }
-        let before = self.state.clone();
-        self.settle();
-        match self.launch(tol_ns) {
-            Ok(bytes) => Ok(Some(bytes)),
-            Err(error) => {
-                self.state = before;
-                Err(error)
-            }
-        }
+        launched
     }
 
     fn has_checksum(&self) -> bool {
@@ -508,8 +269,7 @@ impl Navigator for Landmark {
         if increment.dt_s > 0.0 {
             joint.advance(&increment, self.options.gyro_bias_walk);
         }
-        let mut rest = self.state.rest;
-        rest.apply(&mut joint);
+        self.state.rest.apply(&mut joint);
         let (own, p) = (joint.own(), joint.own_covariance());
         let (mean_m, covariance_m2) = if self.state.positioned {
             ([own[0], own[1]], [p[(0, 0)], p[(0, 1)], p[(1, 1)]])
@@ -551,6 +311,7 @@ impl Navigator for Landmark {
             ("core_particles", f64::from(u8::from(self.state.scatter.is_some()))),
             ("core_changes", c.core_changes as f64),
             ("resets", c.resets as f64),
+            ("packets_untold", self.state.exchanges.untold as f64),
             ("outliers_range", c.outliers[0] as f64),
             ("outliers_own_bearing", c.outliers[1] as f64),
             ("outliers_peer_bearing", c.outliers[2] as f64),
@@ -567,19 +328,5 @@ impl Navigator for Landmark {
             ("dvl_scale", b.y),
             ("dvl_misalignment_rad", b.z),
         ]
-    }
-}
-
-impl Landmark {
-    fn launch(&mut self, tol_ns: i64) -> Result<Arc<[u8]>, Error> {
-        let modes =
-            self.modes().ok_or(crate::packet::PacketError::NotDefinite { field: "belief of an exchange" })?;
-        let packet = ExchangePacket { sequence: Some(self.state.exchanges.sequence()), modes };
-        let options = self.options.packet;
-        let bytes = packet.encode(options.format, options.size, self.own, tol_ns)?;
-        self.gaussian();
-        self.state.exchanges.sent();
-        self.state.sent = Some(Sent { joint: self.state.joint.clone(), rest: Rest::default() });
-        Ok(bytes.into())
     }
 }

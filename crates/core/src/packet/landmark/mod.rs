@@ -117,6 +117,22 @@ impl ExchangeSize {
         }
     }
 
+    /// The shortest size for so many modes: a belief of one mode gains nothing from the bytes that others would need, and
+    /// each further signal may be lost.
+    #[must_use]
+    pub fn least_for(self, modes: usize) -> Self {
+        [Self::B32, Self::B64, Self::B128]
+            .into_iter()
+            .find(|least| self.modes() > 1 && least.modes() >= modes && *least != self)
+            .map_or(self, |least| if least.bytes() < self.bytes() { least } else { self })
+    }
+
+    /// Whether a sender of this size may send so many bytes.
+    #[must_use]
+    pub fn admits(self, bytes: usize) -> bool {
+        (1..=self.modes()).any(|modes| self.least_for(modes).bytes() == bytes)
+    }
+
     fn code(self) -> u64 {
         match self {
             Self::B8 => 0,

@@ -105,7 +105,66 @@ fn a_landmark_that_is_known_exactly_has_a_packet() {
     assert!(got.modes[0].covariance[(0, 0)].sqrt() < 0.012);
 }
 
+/// By how much a standard deviation may come back smaller: half a step of its code, where it is rounded to the nearest.
+fn shrinks(size: ExchangeSize, k: usize) -> f64 {
+    let per_octave = match size {
+        ExchangeSize::B8 | ExchangeSize::B16 => return 1e-3,
+        ExchangeSize::B40 => 32.0,
+        _ if k < 3 => 32.0,
+        _ => 8.0,
+    };
+    1.0 - (-0.5f64 / per_octave).exp2() + 1e-9
+}
+
+#[test]
+fn a_single_mode_takes_the_shortest_packet_that_holds_it() {
+    for (size, modes, least) in [
+        (ExchangeSize::B8, 1, 8),
+        (ExchangeSize::B16, 1, 16),
+        (ExchangeSize::B32, 1, 32),
+        (ExchangeSize::B40, 1, 40),
+        (ExchangeSize::B64, 1, 32),
+        (ExchangeSize::B64, 2, 64),
+        (ExchangeSize::B128, 1, 32),
+        (ExchangeSize::B128, 2, 64),
+        (ExchangeSize::B128, 3, 128),
+        (ExchangeSize::B128, 4, 128),
+    ] {
+        assert_eq!(size.least_for(modes).bytes(), least, "{size:?} {modes}");
+        assert!(size.admits(least));
+        let sent = packet(modes);
+        let bytes = sent.encode(ExchangeFormat::Two, size.least_for(modes), 3, 77).unwrap();
+        let got = ExchangePacket::decode(&bytes, ExchangeFormat::Two, [410.0, -100.0], 3, 77).unwrap();
+        assert_eq!((bytes.len(), got.modes.len()), (least, modes));
+    }
+    assert!(!ExchangeSize::B32.admits(64) && !ExchangeSize::B40.admits(32) && !ExchangeSize::B64.admits(128));
+}
+
 proptest! {
+    #[test]
+    fn a_packet_claims_no_more_than_the_belief_or_refuses_it(
+        octaves in proptest::array::uniform6(-6.0f64..10.0),
+        partial in proptest::collection::vec(-0.999f64..0.999, 15),
+    ) {
+        let base = [0.1, 0.1, 0.003, 0.1, 0.003, 0.01];
+        let sigma = SVector::<f64, 6>::from_fn(|k, _| base[k] * octaves[k].exp2());
+        let mut belief = belief(1.0);
+        belief.covariance = correlation::join(&sigma, &partial.try_into().unwrap());
+        let sent = ExchangePacket { sequence: Some(1), modes: vec![belief] };
+        for size in ExchangeSize::ALL {
+            let told = sent.encode(ExchangeFormat::Two, size, 3, 77);
+            let Ok(bytes) = told else {
+                prop_assert!(matches!(told, Err(PacketError::OutOfRange { .. })), "{size:?} {told:?}");
+                continue;
+            };
+            let got = ExchangePacket::decode(&bytes, ExchangeFormat::Two, [410.0, -100.0], 3, 77).unwrap();
+            for k in 0..6 {
+                let back = got.modes[0].covariance[(k, k)].sqrt();
+                prop_assert!(back >= sigma[k] * (1.0 - shrinks(size, k)), "{size:?} {k}: {back} for {}", sigma[k]);
+            }
+        }
+    }
+
     #[test]
     fn any_bytes_give_a_typed_result(bytes in proptest::collection::vec(any::<u8>(), 0..140), x in any::<f64>()) {
         for format in [ExchangeFormat::One, ExchangeFormat::Two] {

@@ -1,0 +1,142 @@
+//! Role exchanges of the robust navigator: what is told, and what is made of it.
+
+use std::sync::Arc;
+
+use super::joint::Pair;
+use super::rest::{Rest, Sent};
+use super::robust::{Landmark, PACKET_ANGLES, State};
+use crate::error::Error;
+use crate::event::VehicleId;
+use crate::mixture::{Mode, select};
+use crate::navigator::Outcome;
+use crate::noise::Purpose;
+use crate::packet::PacketError;
+
+impl Landmark {
+    pub(super) fn reception(&mut self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Outcome {
+        if !self.options.use_fixes || !self.state.positioned {
+            return Outcome::Noted;
+        }
+        let known = if self.state.exchanges.is_landmark {
+            self.state.joint.own()
+        } else {
+            self.state.joint.landmark()
+        };
+        let packet =
+            self.state.exchanges.receive(sender, tol_ns, bytes, [known[0], known[1]], &self.options.packet);
+        let Some(pair) = packet.and_then(|p| Pair::of(&p.modes)) else {
+            self.state.counts.rejected += 1;
+            return Outcome::Rejected;
+        };
+        self.settle();
+        if self.state.exchanges.is_landmark {
+            self.gaussian();
+            // A repeated packet replaces the one before: both stand on what was sent, not on each other.
+            let sent = match &self.state.sent {
+                Some(sent) => sent.clone(),
+                None => Sent { joint: self.state.joint.clone(), rest: Rest::default() },
+            };
+            self.state.joint.take_over(&sent.joint, &pair);
+            sent.rest.apply(&mut self.state.joint);
+            self.state.sent = Some(sent);
+            self.state.exchanges.landmark = Some(sender);
+            self.state.exchanges.first = false;
+            return Outcome::Fused;
+        }
+        if self.state.exchanges.landmark == Some(sender) {
+            return Outcome::Noted;
+        }
+        self.state.pending = Some((sender, pair));
+        Outcome::Fused
+    }
+
+    pub(super) fn role(&mut self, landmark: bool) {
+        self.settle();
+        let was = self.state.exchanges.is_landmark;
+        self.state.exchanges.is_landmark = landmark;
+        if landmark && !was {
+            // From now on only packets and the gyro at rest change the belief.
+            self.gaussian();
+            self.state.jumps.clear();
+            if self.state.sent.is_none() {
+                self.state.sent = Some(Sent { joint: self.state.joint.clone(), rest: Rest::default() });
+            }
+            self.state.exchanges.landmark = None;
+            self.state.exchanges.first = false;
+            self.state.pending = None;
+        }
+        if was && !landmark {
+            self.state.sent = None;
+            self.state.consensus.clear();
+        }
+    }
+
+    /// Logarithm of the density that this filter gave to all that was measured.
+    pub(super) fn log_evidence(&self) -> f64 {
+        self.state.log_evidence
+    }
+
+    /// Whether this vehicle is to hand over: it stands, is not the landmark, and knows of one.
+    pub(super) fn has_news(&self) -> bool {
+        let exchanges = &self.state.exchanges;
+        self.options.use_fixes
+            && self.state.odometer.landed()
+            && !exchanges.is_landmark
+            && exchanges.landmark.is_some()
+    }
+
+    /// The belief up to now as modes for the packet.
+    pub(super) fn modes(&mut self) -> Result<Vec<Mode<6>>, Error> {
+        self.settle();
+        let options = self.options.packet;
+        let stream = self.stream(Purpose::Belief);
+        let Some(scatter) = &self.state.scatter else { return Ok(vec![self.state.joint.polar()]) };
+        let fitted = select(
+            &scatter.polar(),
+            &scatter.weights,
+            PACKET_ANGLES,
+            options.size.modes(),
+            options.criterion,
+            &options.fit,
+            options.search_points,
+            &stream,
+        );
+        let none = PacketError::NotDefinite { field: "belief of an exchange" };
+        Ok(fitted.ok_or(none)?.modes)
+    }
+
+    /// Sends the modes, and keeps the belief for when the role comes back: its pose as it was told.
+    pub(super) fn launch(
+        &mut self,
+        modes: Vec<Mode<6>>,
+        tol_ns: i64,
+        capacity_bytes: usize,
+    ) -> Result<Option<Arc<[u8]>>, Error> {
+        let pair = Pair::of(&modes);
+        let packet = self.state.exchanges.packet(modes, &self.options.packet, tol_ns);
+        let told = self.state.exchanges.told(packet, capacity_bytes)?;
+        self.gaussian();
+        let mut joint = self.state.joint.clone();
+        if let Some(pair) = pair {
+            joint.mean.fixed_rows_mut::<3>(0).copy_from(&pair.seen);
+            joint.mean.fixed_rows_mut::<3>(3).copy_from(&pair.landmark);
+        }
+        self.state.sent = Some(Sent { joint, rest: Rest::default() });
+        Ok(told)
+    }
+
+    /// A copy of the state, for [`Self::silent`].
+    pub(super) fn kept(&self) -> Kept {
+        Kept(Box::new(self.state.clone()))
+    }
+
+    /// Takes back a launch that came to nothing; that it did is counted.
+    pub(super) fn silent(&mut self, before: Kept) {
+        let untold = self.state.exchanges.untold;
+        self.state = *before.0;
+        self.state.exchanges.untold = untold;
+    }
+}
+
+/// A state to return to.
+pub(super) struct Kept(Box<State>);

@@ -1,0 +1,42 @@
+//! What a vehicle at rest learns, and what it keeps of the belief that it broadcast.
+
+use serde::{Deserialize, Serialize};
+
+use super::joint::Joint;
+
+/// Gyro readings of a vehicle at rest: each is the bias and noise.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Rest {
+    information: f64,
+    weighted_sum: f64,
+}
+
+impl Rest {
+    /// Adds a reading.
+    pub fn add(&mut self, reading: f64, sigma: f64) {
+        if sigma > 0.0 {
+            self.information += 1.0 / (sigma * sigma);
+            self.weighted_sum += reading / (sigma * sigma);
+        }
+    }
+
+    /// Corrects the gyro's bias, where it is a state; the logarithm of the readings' density before that.
+    pub fn apply(&self, joint: &mut Joint) -> f64 {
+        if self.information <= 0.0 {
+            return 0.0;
+        }
+        let mut row = nalgebra::SMatrix::<f64, 1, 9>::zeros();
+        row[6] = 1.0;
+        let innovation = self.weighted_sum / self.information - joint.mean[6];
+        joint.update(innovation, &row, 1.0 / self.information, None).log_evidence
+    }
+}
+
+/// The belief as it was broadcast, and what the gyro has said at rest since.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Sent {
+    /// With its pose as it was told.
+    pub joint: Joint,
+    /// Readings since then.
+    pub rest: Rest,
+}
