@@ -26,7 +26,7 @@ fn local() -> LocalOptions {
 }
 
 fn mdeif(own: VehicleId, ranging: &[bool], form: GraphForm) -> Mdeif {
-    let methods = Methods { joint: true, equation_6: true, loss_max: 1e-4 };
+    let methods = Methods { joint: true, lags: 6, equation_6: true, loss_max: 1e-4 };
     let options = MdeifOptions { local: local(), form, exact_lags: 2, methods };
     Mdeif::new(own, ranging, options, SOUND).unwrap()
 }

@@ -115,6 +115,9 @@ pub enum Method {
 pub struct Methods {
     /// Exact joints with the client's newest node.
     pub joint: bool,
+    /// With how many of the transmissions before it a packet holds them: an origin among those is one, an older one
+    /// belongs to equation (6).
+    pub lags: u64,
     /// Equation (6), where healthy.
     pub equation_6: bool,
     /// Largest [`loss`] at which it is.
@@ -204,7 +207,7 @@ impl Replica {
             exact,
         };
         if methods.joint
-            && let Some(step) = self.exact_step(packet, joint.as_ref(), methods.equation_6)?
+            && let Some(step) = self.exact_step(packet, joint.as_ref(), methods)?
         {
             return Ok(Some(plan(Method::ExactJoint, step, true)));
         }
@@ -316,7 +319,7 @@ impl Replica {
         &self,
         packet: &GraphPacket,
         joint: Option<&Information<8>>,
-        by_origin: bool,
+        methods: &Methods,
     ) -> Result<Option<Step>, Error> {
         let Some(newest) = self.chain.newest() else { return Ok(None) };
         let of_joint = |joint: &Information<8>| {
@@ -333,7 +336,7 @@ impl Replica {
             // An origin among the last transmissions is not told twice; an older one is where equation (6) is 0/0.
             Some(joint)
                 if packet.origin == newest.id
-                    && (by_origin || packet.node.id - newest.id <= packet.lags.len() as u64 + 1) =>
+                    && (methods.equation_6 || packet.node.id - newest.id <= methods.lags) =>
             {
                 of_joint(joint).map(Some)
             }
