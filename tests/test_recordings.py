@@ -99,6 +99,21 @@ def test_ranges_mend_an_odometer_and_an_outlier_is_gated_and_counted(graph: Path
     assert summary["navigators"]["local-only"]["packet_bytes"]["max"] is None
 
 
+@pytest.mark.parametrize("beacons", [[], ["L1"]])
+@pytest.mark.parametrize("navigator", ["mdeif", "deif", "deif-redundant"])
+def test_pose_graphs_of_beacons_tell_what_their_places_tell(
+    graph: Path, navigator: str, beacons: list[str]
+) -> None:
+    """A beacon is a ship that stands still: who rebuilds its graph knows as much as who is told everything."""
+    chosen = [f"recording.beacons={beacons}"] if beacons else []
+    result = uwcoop.run(graph, [navigator, "cekf"], overrides=chosen, clouds=False)
+    ours, reference = result.tracks["position_m"].values[:, 0]
+    assert np.hypot(*(ours - reference).T).max() < 0.1
+    spread = np.trace(result.tracks["covariance_m2"].values[:, 0], axis1=-2, axis2=-1)
+    assert np.allclose(spread[0], spread[1], rtol=0.05)
+    assert own(result.summary, navigator)["rejected"] == own(result.summary, "cekf")["rejected"]
+
+
 def test_an_edge_in_parts_is_the_edge_and_its_ranges_lie_between(graph: Path) -> None:
     whole = open_mission(graph)
     parts = open_mission(graph, overrides=["recording.range_delay_edges=0.25"])

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SPEED_MPS = 1500.0
 """A range becomes a travel time at this speed, whatever it was measured with; it ends when the range was measured."""
-NAVIGATORS = ("local-only", "cekf", "nekf", "interleaved", "covariance-intersection")
+NAVIGATORS = ("local-only", "cekf", "mdeif", "nekf", "interleaved", "covariance-intersection")
 
 
 class Options(Table):
@@ -141,6 +141,7 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
             "recording": options.model_dump(mode="json"),
             "metrics": {"settle_s": 0.0},
             "navigators": list(NAVIGATORS),
+            "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
             "navigator": {
                 "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
             },

@@ -19,7 +19,7 @@
 
 use super::covering::{Covering, GENERAL, ISOTROPE, Scale, Shape, read_entries, write_entries};
 use super::field::{FixedField, Rounding};
-use super::graph::{GraphForm, read_origin, rounded_lag_ids, write_origin};
+use super::graph::{GraphForm, read_origin, told_lags, write_origin};
 use super::graph_lag::{LagWidths, Later};
 use super::{BitReader, BitWriter, PacketError, SigmaField, UnsignedField};
 use crate::information::replica::{GraphPacket, Lag, Tie};
@@ -331,11 +331,8 @@ pub(super) fn read_rounded(
     let mut lags = Vec::new();
     if w.lag_count > 0 {
         let count = lag_count(w.lag_count).read(reader)?;
-        for lag in rounded_lag_ids(id, origin).take(count as usize) {
+        for lag in told_lags("exact lags", id, begin, count)? {
             lags.push((lag, Lag::Rounded(w.lag.read(reader)?)));
-        }
-        if lags.len() as u64 != count {
-            return Err(PacketError::InvalidCode { field: "exact lags", code: count });
         }
     }
     Ok(GraphPacket { node, origin, tie, lags })
