@@ -9,13 +9,13 @@
 //! | correlations | 1/127.5 | 6 × 8 | 1 × 8 |
 //! | M: exponent of two, entries | 1/127.5 of it | 7 + 16 × 8 | 6 + 4 × 8 |
 //! | how many exact lags | | 4 (256 bytes alone) | 1 |
-//! | each: sigmas of A; correlations of A; shift; K | | 4 × 12, 6 × 10, 4 × 12, 16 × 12 | 2 × 7, 6, 4 × 7, 4 × 7 |
+//! | each: sigmas of A; correlations of A; shift; K | | 4 × 12, 6 × 10, 4 × 16, 16 × 13 | 2 × 7, 6, 4 × 7, 4 × 7 |
+//! | and its noise N: sigmas, correlations | 1/64 octave, 1/511.5 | 4 × 10, 6 × 10 | |
 //!
 //! P̂ = L̂ L̂ᵀ from sigmas and correlations covers the node's P, the rounding of the mean included: sigmas are raised,
 //! by as little volume as possible, until P̂ − P is positive semi-definite. M = L̂⁻¹ Φ L̂₀ is how the filtered error at
-//! the origin lives on in the node's; its norm is kept at 1 or below. An exact lag is told in the earlier node's own
-//! scale L̂₂: A, the covariance that smoothing leaves of it, covered as P is (so smoothing is rounded down); the shift of
-//! its mean; and K = L̂⁻¹ Φ L₂'. The isotropic form holds one number for x and y.
+//! the origin lives on in the node's; its norm is kept at 1 or below. Exact lags are covered by `graph_lag`. The isotropic
+//! form holds one number for x and y.
 
 use super::covering::{Covering, GENERAL, ISOTROPE, Scale, Shape, read_entries, write_entries};
 use super::field::{FixedField, Rounding};
