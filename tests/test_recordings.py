@@ -99,6 +99,49 @@ def test_ranges_mend_an_odometer_and_an_outlier_is_gated_and_counted(graph: Path
     assert summary["navigators"]["local-only"]["packet_bytes"]["max"] is None
 
 
+@pytest.mark.parametrize("beacons", [[], ["L1"]])
+@pytest.mark.parametrize("navigator", ["mdeif", "deif", "deif-redundant"])
+def test_pose_graphs_of_beacons_tell_what_their_places_tell(
+    graph: Path, navigator: str, beacons: list[str]
+) -> None:
+    """A beacon is a ship that stands still: who rebuilds its graph knows as much as who is told everything."""
+    chosen = [f"recording.beacons={beacons}"] if beacons else []
+    result = uwcoop.run(graph, [navigator, "cekf"], overrides=chosen, clouds=False)
+    ours, reference = result.tracks["position_m"].values[:, 0]
+    assert np.hypot(*(ours - reference).T).max() < 0.1
+    spread = np.trace(result.tracks["covariance_m2"].values[:, 0], axis1=-2, axis2=-1)
+    assert np.allclose(spread[0], spread[1], rtol=0.05)
+    assert own(result.summary, navigator)["rejected"] == own(result.summary, "cekf")["rejected"]
+
+
+def test_an_edge_in_parts_is_the_edge_and_its_ranges_lie_between(graph: Path) -> None:
+    whole = open_mission(graph)
+    parts = open_mission(graph, overrides=["recording.range_delay_edges=0.25"])
+    one, two = (log.events["odometry"] for log in (whole, parts))
+
+    def moved(events: Any) -> Any:
+        return events["vehicle"] == 0
+
+    for name in ("forward_m", "left_m", "yaw_change_rad", "cov_ff", "cov_ll", "cov_yy"):
+        told = two[name][moved(two)].reshape(-1, 2).sum(axis=1)
+        assert np.allclose(told, one[name][moved(one)], rtol=1e-12, atol=1e-15), name
+    assert np.allclose(two["forward_m"][moved(two)][::2], 0.75 * one["forward_m"][moved(one)])
+    # Heard after the first part of its edge and before the second, which is done before the pose's second.
+    done_ns = two["t_ns"][moved(two)].reshape(-1, 2)
+    heard_ns = np.sort(parts.opportunities["toa_ns"])
+    edge = np.searchsorted(done_ns[:, 1], heard_ns)
+    inside = edge < len(done_ns)
+    assert inside.sum() > 50
+    assert (heard_ns[inside] > done_ns[edge[inside], 0]).mean() > 0.9
+    ends = [
+        uwcoop.run(log, ["local-only"], clouds=False).tracks["position_m"].values[0, 0, -1]
+        for log in (whole, parts)
+    ]
+    assert np.allclose(*ends, rtol=0, atol=1e-9)
+    with pytest.raises(ScenarioError, match="range_delay_edges"):
+        open_mission(graph, overrides=["recording.range_delay_edges=1"])
+
+
 def test_one_beacon_is_a_single_ship(graph: Path) -> None:
     log = open_mission(graph, overrides=["recording.beacons=['L1']"])
     assert log.vehicles == ("auv", "L1")
@@ -201,6 +244,17 @@ def test_goats(reference: Path, run: int, ins_m: float, gated: int) -> None:
     assert own(summary, "cekf")["anees"] is not None
     if run == 14:
         assert own(summary, "cekf")["rmse_m"] < 0.75 * ins_m
+
+
+@pytest.mark.parametrize(("run", "ins_m"), [(14, 5.82), (15, 4.86)])
+def test_goats_with_ranges_heard_on_the_way(reference: Path, run: int, ins_m: float) -> None:
+    """The middle of what can be, as nobody says when between two poses a range was heard: better than INS in both."""
+    path = recorded(reference, f"goats/goats_{run}.pyfg")
+    half = ["recording.range_delay_edges=0.5"]
+    summary = uwcoop.run(path, ["local-only", "cekf"], overrides=half, clouds=False).summary
+    assert own(summary, "local-only")["rmse_m"] == pytest.approx(ins_m, abs=0.02)
+    assert own(summary, "cekf")["rmse_m"] < own(summary, "local-only")["rmse_m"]
+    assert own(summary, "cekf")["anees"] is not None
 
 
 def test_plaza_against_a_graph_optimiser(reference: Path) -> None:

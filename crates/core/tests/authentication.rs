@@ -75,7 +75,7 @@ const LOCAL: LocalOptions = LocalOptions {
 };
 
 fn mdeif(own: u16) -> Mdeif {
-    let methods = Methods { joint: true, equation_6: true, loss_max: 1e-4 };
+    let methods = Methods { joint: true, lags: 6, equation_6: true, loss_max: 1e-4 };
     let options = MdeifOptions { local: LOCAL, form: GraphForm::F64, exact_lags: 2, methods };
     Mdeif::new(own, &[true; TEAM], options, SOUND_SPEED_MPS).unwrap()
 }

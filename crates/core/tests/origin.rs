@@ -26,7 +26,7 @@ fn local() -> LocalOptions {
 }
 
 fn mdeif(own: VehicleId, ranging: &[bool], form: GraphForm) -> Mdeif {
-    let methods = Methods { joint: true, equation_6: true, loss_max: 1e-4 };
+    let methods = Methods { joint: true, lags: 6, equation_6: true, loss_max: 1e-4 };
     let options = MdeifOptions { local: local(), form, exact_lags: 2, methods };
     Mdeif::new(own, ranging, options, SOUND).unwrap()
 }
@@ -145,6 +145,25 @@ fn bad_input_leaves_the_estimate_as_it_was() {
             Ok(Outcome::Fused),
             "{form:?}: after all that, a good packet is still one"
         );
+    }
+}
+
+/// Nobody acknowledges: the origin's eight bits come round, and packets go on being read.
+#[test]
+fn an_origin_older_than_its_counter_is_still_known() {
+    for form in FORMS {
+        let (mut ship, mut auv) = (mdeif(0, &[false, true], form), mdeif(1, &[false, true], form));
+        auv.handle(&fix(0, 1, 300.0, 2.0)).unwrap();
+        for second in 0..4 * 300i64 {
+            let now_ns = second * SECOND;
+            ship.handle(&fix(now_ns, 0, 0.1 * (second % 7) as f64, 3.0)).unwrap();
+            if second % 4 != 3 {
+                continue;
+            }
+            let packet = ship.transmit(now_ns, CAPACITY).unwrap().unwrap();
+            let outcome = auv.handle(&heard(now_ns + SECOND, 1, 0, now_ns, 300.0, &packet)).unwrap();
+            assert_eq!(outcome, Outcome::Fused, "{form:?}, packet {}", second / 4);
+        }
     }
 }
 

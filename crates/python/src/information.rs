@@ -297,7 +297,7 @@ fn reconstruct_graph<'py>(
         return Err(argument(format!("ids, origins, matrices and vectors are not all of {k} packets")));
     }
     let (all, told) = (matrices.as_array(), vectors.as_array());
-    let methods = Methods { joint: true, equation_6, loss_max };
+    let methods = Methods { joint: true, lags: 1, equation_6, loss_max };
     let mut replica = Replica::new(false);
     let mut used = Vec::with_capacity(k);
     for (at, (id, origin)) in ids.iter().zip(&origins).enumerate() {

@@ -42,6 +42,7 @@ fn mdeif(
         exact_lags: options.count("exact_lags")?,
         methods: Methods {
             joint: options.flag("use_joint")?,
+            lags: options.count("exact_lags")? as u64,
             equation_6: options.flag("use_equation_6")?,
             loss_max: options.number("health_loss_max")?,
         },

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from uwcoop.errors import LogError, ScenarioError
 from uwcoop.recordings.model import Options, PlazaOptions, PyfgOptions, mission_of
 from uwcoop.recordings.plaza import read_plaza
-from uwcoop.recordings.pyfg import read_pyfg
+from uwcoop.recordings.pyfg import heard_on_the_way, read_pyfg
 from uwcoop.scenario.loading import apply_overrides
 from uwcoop.scenario.report import one_line
 
@@ -50,4 +50,7 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
         raise ScenarioError(one_line(error, table["recording"], "recording")) from None
     if not path.is_file():
         raise LogError(f"recording {path} cannot be read: there is no such file")
-    return mission_of(read(path), options)
+    found = read(path)
+    if isinstance(options, PyfgOptions) and options.range_delay_edges > 0:
+        found = heard_on_the_way(found, options.range_delay_edges)
+    return mission_of(found, options)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SPEED_MPS = 1500.0
 """A range becomes a travel time at this speed, whatever it was measured with; it ends when the range was measured."""
-NAVIGATORS = ("local-only", "cekf", "nekf", "interleaved", "covariance-intersection")
+NAVIGATORS = ("local-only", "cekf", "mdeif", "nekf", "interleaved", "covariance-intersection")
 
 
 class Options(Table):
@@ -62,6 +62,9 @@ class PyfgOptions(Options):
     sigma_odometry_m: NonNegative = 0.4
     sigma_odometry_share: NonNegative = 0.0
     sigma_yaw_rad: NonNegative = 1e-4
+    range_delay_edges: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """So much of an edge of odometry before its pose a range was heard. 0: at the pose, as the format has it. Where poses
+    were made of what came in since the one before, as on the GOATS runs, a half is the middle of what can be."""
 
 
 class PlazaOptions(Options):
@@ -100,6 +103,8 @@ class Recording:
     """(T,) ascending."""
     truth: Floats
     """(T, 3) east, north, yaw."""
+    odometry_share: Floats | None = None
+    """(N,) of a displacement told in parts, the share of this one: variances go with it. None: all are whole."""
 
 
 def mission_of(found: Recording, options: Options) -> MissionLog:
@@ -136,6 +141,7 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
             "recording": options.model_dump(mode="json"),
             "metrics": {"settle_s": 0.0},
             "navigators": list(NAVIGATORS),
+            "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
             "navigator": {
                 "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
             },
@@ -182,9 +188,11 @@ def _events(found: Recording, options: Options, beacons: list[str]) -> dict[str,
     variance = np.array([options.sigma_start_m, *[options.sigma_beacon_m] * len(beacons)]) ** 2
     yaw = np.array([found.start[2], *[0.0] * len(beacons)])
     still = len(beacons)
-    length = np.hypot(*found.displacement_m.T)
+    share = np.ones(len(found.odometry_s)) if found.odometry_share is None else found.odometry_share
+    length = np.hypot(*found.displacement_m.T) / share
     along = options.sigma_odometry_m**2 + (options.sigma_odometry_share * length) ** 2
     across = options.sigma_odometry_m**2 + (options.sigma_odometry_share * length / 3) ** 2
+    along, across = along * share, across * share
     zero = np.zeros(still + len(length))
 
     def padded(values: Floats) -> Floats:
@@ -203,7 +211,7 @@ def _events(found: Recording, options: Options, beacons: list[str]) -> dict[str,
             forward_m=padded(found.displacement_m[:, 0]), left_m=padded(found.displacement_m[:, 1]),
             yaw_change_rad=padded(found.yaw_change_rad),
             cov_ff=padded(along), cov_fl=zero, cov_fy=zero, cov_ll=padded(across), cov_ly=zero,
-            cov_yy=padded(np.full(len(length), options.sigma_yaw_rad**2)),
+            cov_yy=padded(share * options.sigma_yaw_rad**2),
         ),
     }  # fmt: skip
 

@@ -6,6 +6,7 @@ covariance, `EDGE_RANGE t Ai Lk range variance`. The edges of these runs have no
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ FIELDS = {"VERTEX_XY": 4, "VERTEX_SE2": 6, "EDGE_SE2": 13, "EDGE_RANGE": 6}
 MOVED_S, HEARD_S = 0.6, 0.5
 """So long before a pose's second its edge is done and its ranges are heard: what is recorded at that second then knows
 of them."""
+PART_S = 0.1
+"""Between an edge's first part, the ranges heard there, and its second part."""
 
 
 def read_pyfg(path: Path) -> Recording:
@@ -49,6 +52,24 @@ def read_pyfg(path: Path) -> Recording:
                 raise LogError(f"recording {path}: line {number}: range is {values[0]:g} m, must be above 0")
             ranges.append((words[2], words[3], values[0]))
     return _recording(path, beacons, poses, edges, ranges)
+
+
+def heard_on_the_way(found: Recording, delay_edges: float) -> Recording:
+    """The same with every range heard `delay_edges` (above 0, below 1) of an edge before its pose.
+
+    Each edge is told in two parts with the ranges between them; the vehicle turns at the end of the second, so that
+    dead reckoning is as before.
+    """
+    share = np.tile([1.0 - delay_edges, delay_edges], len(found.odometry_s))
+    zero = np.zeros_like(found.yaw_change_rad)
+    return replace(
+        found,
+        odometry_s=np.column_stack([found.odometry_s - 2 * PART_S, found.odometry_s]).ravel(),
+        displacement_m=np.repeat(found.displacement_m, 2, axis=0) * share[:, None],
+        yaw_change_rad=np.column_stack([zero, found.yaw_change_rad]).ravel(),
+        range_s=np.maximum(found.range_s - (MOVED_S - HEARD_S) - PART_S, 0.0),
+        odometry_share=share,
+    )
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:

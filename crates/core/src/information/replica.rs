@@ -45,13 +45,33 @@ pub struct RoundedLag {
     pub smoothed: NodeMatrix,
     /// L₂⁻¹ (x̂₂|₃ − x̂₂): how far smoothing moves its mean.
     pub shift: NodeVector,
-    /// K = L₃⁻¹ Φ L₂ chol(A), of norm at most 1.
+    /// K = L₃⁻¹ Φ L₂ chol(A).
     pub transition: NodeMatrix,
+    /// N = L₃⁻¹ W L₃⁻ᵀ; none: I − K Kᵀ.
+    pub noise: Option<NodeMatrix>,
 }
 
 impl RoundedLag {
-    /// The step, from the two nodes as they were sent: P₂|₃ = L₂AL₂ᵀ, Φ = L₃ K (L₂ chol A)⁻¹, W = L₃ (I − KKᵀ) L₃ᵀ, and
-    /// what makes the later mean come out.
+    /// What was learnt of the earlier node, A⁻¹ − I, and what that leaves of its covariance. Rounded up, A may exceed
+    /// what was known before: nothing was learnt in those directions.
+    #[must_use]
+    pub fn kept(&self) -> Option<(NodeMatrix, NodeMatrix)> {
+        let inverse = symmetrized(&self.smoothed).try_inverse()?;
+        let gained = symmetrized(&(inverse - NodeMatrix::identity())).symmetric_eigen();
+        let kept = NodeMatrix::from_diagonal(&gained.eigenvalues.map(|value| value.max(0.0)));
+        let told = gained.eigenvectors * kept * gained.eigenvectors.transpose();
+        let smoothed = (NodeMatrix::identity() + told).try_inverse()?;
+        Some((told, symmetrized(&smoothed)))
+    }
+
+    /// N.
+    #[must_use]
+    pub fn scaled_noise(&self) -> NodeMatrix {
+        self.noise.unwrap_or_else(|| NodeMatrix::identity() - self.transition * self.transition.transpose())
+    }
+
+    /// The step, from the two nodes as they were sent: P₂|₃ = L₂AL₂ᵀ, Φ = L₃ K (L₂ chol A)⁻¹, W = L₃ N L₃ᵀ, and what makes
+    /// the later mean come out.
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] for matrices that no step has.
@@ -59,21 +79,15 @@ impl RoundedLag {
         let refused = || Error::NotPositiveDefinite { quantity: "rounded step" };
         let root = symmetrized(&earlier.covariance).cholesky().ok_or_else(refused)?.l();
         let back = root.try_inverse().ok_or_else(refused)?;
-        let inverse = symmetrized(&self.smoothed).try_inverse().ok_or_else(refused)?;
-        // Rounded up, A may exceed what was known before: nothing was learnt in those directions.
-        let gained = symmetrized(&(inverse - NodeMatrix::identity())).symmetric_eigen();
-        let kept = NodeMatrix::from_diagonal(&gained.eigenvalues.map(|value| value.max(0.0)));
-        let told = gained.eigenvectors * kept * gained.eigenvectors.transpose();
-        let smoothed = symmetrized(&(NodeMatrix::identity() + told).try_inverse().ok_or_else(refused)?);
+        let (told, smoothed) = self.kept().ok_or_else(refused)?;
         let smoothed_root = root * smoothed.cholesky().ok_or_else(refused)?.l();
         let later_root = symmetrized(&later.covariance).cholesky().ok_or_else(refused)?.l();
         let transition = later_root * self.transition * smoothed_root.try_inverse().ok_or_else(refused)?;
         let mean = earlier.mean + root * self.shift;
         let told_matrix = symmetrized(&(back.transpose() * told * back));
-        let left = NodeMatrix::identity() - self.transition * self.transition.transpose();
         // j: (P₂⁻¹ + J)⁻¹ (P₂⁻¹ x̂₂ + j) is the smoothed mean.
         let known = back.transpose() * back;
-        let noise = symmetrized(&(later_root * left * later_root.transpose()));
+        let noise = symmetrized(&(later_root * self.scaled_noise() * later_root.transpose()));
         Ok(Step {
             transition,
             offset: later.mean - transition * mean,
@@ -115,6 +129,9 @@ pub enum Method {
 pub struct Methods {
     /// Exact joints with the client's newest node.
     pub joint: bool,
+    /// With how many of the transmissions before it a packet holds them: an origin among those is one, an older one
+    /// belongs to equation (6).
+    pub lags: u64,
     /// Equation (6), where healthy.
     pub equation_6: bool,
     /// Largest [`loss`] at which it is.
@@ -204,7 +221,7 @@ impl Replica {
             exact,
         };
         if methods.joint
-            && let Some(step) = self.exact_step(packet, joint.as_ref(), methods.equation_6)?
+            && let Some(step) = self.exact_step(packet, joint.as_ref(), methods)?
         {
             return Ok(Some(plan(Method::ExactJoint, step, true)));
         }
@@ -316,7 +333,7 @@ impl Replica {
         &self,
         packet: &GraphPacket,
         joint: Option<&Information<8>>,
-        by_origin: bool,
+        methods: &Methods,
     ) -> Result<Option<Step>, Error> {
         let Some(newest) = self.chain.newest() else { return Ok(None) };
         let of_joint = |joint: &Information<8>| {
@@ -333,7 +350,7 @@ impl Replica {
             // An origin among the last transmissions is not told twice; an older one is where equation (6) is 0/0.
             Some(joint)
                 if packet.origin == newest.id
-                    && (by_origin || packet.node.id - newest.id <= packet.lags.len() as u64 + 1) =>
+                    && (methods.equation_6 || packet.node.id - newest.id <= methods.lags) =>
             {
                 of_joint(joint).map(Some)
             }

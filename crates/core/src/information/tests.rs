@@ -61,7 +61,7 @@ fn relative(found: &(DMatrix<f64>, DVector<f64>), expected: &(DMatrix<f64>, DVec
     matrix.max((&found.1 - &expected.1).norm() / expected.1.norm())
 }
 
-const METHODS: Methods = Methods { joint: true, equation_6: true, loss_max: 1e-4 };
+const METHODS: Methods = Methods { joint: true, lags: 1, equation_6: true, loss_max: 1e-4 };
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]

@@ -163,13 +163,15 @@ pub(super) fn write_origin(writer: &mut BitWriter, graph: &GraphPacket) -> Resul
     Ok(begin)
 }
 
-/// Whether the node is the origin, and the origin's id: the last one up to the node's with its eight bits.
+/// Whether the node is the origin, and the origin's id: the last one up to the node's with its eight bits. (Of an origin
+/// that is older than 256 packets a receiver knows by what it holds.)
 pub(super) fn read_origin(reader: &mut BitReader, id: u64) -> Result<(bool, u64), PacketError> {
     let begin = BEGIN.read(reader)? == 1;
     let code = ORIGIN.read(reader)?;
-    let back = id.wrapping_sub(code) & 0xFF;
+    let same = id.wrapping_sub(code) & 0xFF == 0;
+    let back = if same && !begin { 256 } else { id.wrapping_sub(code) & 0xFF };
     let origin = id.checked_sub(back).ok_or(PacketError::InvalidCode { field: ORIGIN.name, code })?;
-    if begin != (back == 0) {
+    if begin && !same {
         return Err(PacketError::InvalidCode { field: ORIGIN.name, code });
     }
     Ok((begin, origin))
@@ -239,14 +241,10 @@ fn read_f64(reader: &mut BitReader, id: u64, tol_ns: i64) -> Result<GraphPacket,
         let joint = read_information::<8>(reader)?;
         (Tie::Joint(joint), filtered(&joint).map_err(indefinite)?.0)
     };
-    let ids = lag_ids(id, origin).take(count as usize);
     let mut lags = Vec::with_capacity(count as usize);
-    for lag in ids {
+    for lag in told_lags(LAGS.name, id, begin, count)? {
         // The one that is used is checked then: it must leave a step that data can give.
         lags.push((lag, Lag::Joint(read_information::<8>(reader)?)));
-    }
-    if lags.len() as u64 != count {
-        return Err(PacketError::InvalidCode { field: LAGS.name, code: count });
     }
     let filtered = Gaussian { mean: marginal.mean, covariance: symmetrized(&marginal.covariance) };
     Ok(GraphPacket { node: Node { id, tol_ns, filtered }, origin, tie, lags })
@@ -257,7 +255,19 @@ pub fn lag_ids(id: u64, origin: u64) -> impl Iterator<Item = u64> {
     (origin + 1..id).rev()
 }
 
-/// The same for rounded packets, whose tie with the origin is not exact: the origin is among them.
+/// The transmissions that `count` lags of a packet are about, newest first.
+pub(super) fn told_lags(
+    field: &'static str,
+    id: u64,
+    begin: bool,
+    count: u64,
+) -> Result<impl Iterator<Item = u64>, PacketError> {
+    let oldest = id.checked_sub(count).filter(|_| !begin || count == 0);
+    let oldest = oldest.ok_or(PacketError::InvalidCode { field, code: count })?;
+    Ok((oldest..id).rev())
+}
+
+/// As [`lag_ids`] for rounded packets, whose tie with the origin is not exact: the origin is among them.
 pub fn rounded_lag_ids(id: u64, origin: u64) -> impl Iterator<Item = u64> {
     (origin..id).rev()
 }

@@ -9,59 +9,25 @@
 //! | correlations | 1/127.5 | 6 × 8 | 1 × 8 |
 //! | M: exponent of two, entries | 1/127.5 of it | 7 + 16 × 8 | 6 + 4 × 8 |
 //! | how many exact lags | | 4 (256 bytes alone) | 1 |
-//! | each: sigmas of A; correlations of A; shift; K | | 4 × 12, 6 × 10, 4 × 12, 16 × 12 | 2 × 7, 6, 4 × 7, 4 × 7 |
+//! | each: sigmas of A; correlations of A; shift; K | | 4 × 12, 6 × 10, 4 × 16, 16 × 13 | 2 × 7, 6, 4 × 7, 4 × 7 |
+//! | and its noise N: sigmas, correlations | 1/64 octave, 1/511.5 | 4 × 10, 6 × 10 | |
 //!
 //! P̂ = L̂ L̂ᵀ from sigmas and correlations covers the node's P, the rounding of the mean included: sigmas are raised,
 //! by as little volume as possible, until P̂ − P is positive semi-definite. M = L̂⁻¹ Φ L̂₀ is how the filtered error at
-//! the origin lives on in the node's; its norm is kept at 1 or below. An exact lag is told in the earlier node's own
-//! scale L̂₂: A, the covariance that smoothing leaves of it, covered as P is (so smoothing is rounded down); the shift of
-//! its mean; and K = L̂⁻¹ Φ L₂'. The isotropic form holds one number for x and y.
+//! the origin lives on in the node's; its norm is kept at 1 or below. Exact lags are covered by `graph_lag`. The isotropic
+//! form holds one number for x and y.
 
-use super::field::{FixedField, Rounding, sign_extend};
-use super::graph::{GraphForm, read_origin, rounded_lag_ids, write_origin};
+use super::covering::{Covering, GENERAL, ISOTROPE, Scale, Shape, read_entries, write_entries};
+use super::field::{FixedField, Rounding};
+use super::graph::{GraphForm, read_origin, told_lags, write_origin};
+use super::graph_lag::{LagWidths, Later};
 use super::{BitReader, BitWriter, PacketError, SigmaField, UnsignedField};
-use crate::information::replica::{GraphPacket, Lag, RoundedLag, Tie};
+use crate::information::replica::{GraphPacket, Lag, Tie};
 use crate::information::{Gaussian, Node, NodeMatrix, NodeVector, symmetrized};
-
-/// Sigmas are raised by so many codes at most, each, in the search for the least covering volume.
-const RAISES: u32 = 2;
 /// How far x and y may differ, or be coupled, for the isotropic form, relative.
 const ISOTROPIC: f64 = 1e-6;
-
-/// Which numbers share a field.
-struct Shape {
-    sigmas: &'static [&'static [usize]],
-    correlations: &'static [&'static [(usize, usize)]],
-    entries: &'static [&'static [(usize, usize)]],
-}
-
-const GENERAL: Shape = Shape {
-    sigmas: &[&[0], &[1], &[2], &[3]],
-    correlations: &[&[(0, 1)], &[(0, 2)], &[(0, 3)], &[(1, 2)], &[(1, 3)], &[(2, 3)]],
-    entries: &[
-        &[(0, 0)],
-        &[(0, 1)],
-        &[(0, 2)],
-        &[(0, 3)],
-        &[(1, 0)],
-        &[(1, 1)],
-        &[(1, 2)],
-        &[(1, 3)],
-        &[(2, 0)],
-        &[(2, 1)],
-        &[(2, 2)],
-        &[(2, 3)],
-        &[(3, 0)],
-        &[(3, 1)],
-        &[(3, 2)],
-        &[(3, 3)],
-    ],
-};
-const ISOTROPE: Shape = Shape {
-    sigmas: &[&[0, 1], &[2, 3]],
-    correlations: &[&[(0, 2), (1, 3)]],
-    entries: &[&[(0, 0), (1, 1)], &[(0, 2), (1, 3)], &[(2, 0), (3, 1)], &[(2, 2), (3, 3)]],
-};
+/// How many codes the node's sigmas are raised at most for an exact lag's sake.
+const NODE_RAISES: u32 = 3;
 
 /// Widths of one form.
 struct Widths {
@@ -71,16 +37,7 @@ struct Widths {
     covariance: Scale,
     exponent: u32,
     lag_count: u32,
-    lag: Scale,
-    shift: FixedField,
-    transition: u32,
-}
-
-/// How a covariance is coded.
-struct Scale {
-    position: SigmaField,
-    velocity: SigmaField,
-    correlation: u32,
+    lag: LagWidths,
 }
 
 const fn sigma(
@@ -108,13 +65,18 @@ const fn widths(form: GraphForm) -> Widths {
             },
             exponent: 6,
             lag_count: 1,
-            lag: Scale {
-                position: sigma("smoothed sigma of position", "", 7, 30, -4),
-                velocity: sigma("smoothed sigma of velocity", "", 7, 30, -4),
-                correlation: 6,
+            lag: LagWidths {
+                shape: &ISOTROPE,
+                smoothed: Scale {
+                    position: sigma("smoothed sigma of position", "", 7, 30, -4),
+                    velocity: sigma("smoothed sigma of velocity", "", 7, 30, -4),
+                    correlation: 6,
+                },
+                shift: fixed(SHIFT, "", 7, 20.0),
+                transition: 7,
+                largest: 1.0,
+                noise: None,
             },
-            shift: fixed(SHIFT, "", 7, 20.0),
-            transition: 7,
         },
         _ => Widths {
             shape: &GENERAL,
@@ -127,13 +89,22 @@ const fn widths(form: GraphForm) -> Widths {
             },
             exponent: 7,
             lag_count: if matches!(form, GraphForm::Frame256) { 4 } else { 0 },
-            lag: Scale {
-                position: sigma("smoothed sigma of position", "", 12, 512, -7),
-                velocity: sigma("smoothed sigma of velocity", "", 12, 512, -7),
-                correlation: 10,
+            lag: LagWidths {
+                shape: &GENERAL,
+                smoothed: Scale {
+                    position: sigma("smoothed sigma of position", "", 12, 512, -7),
+                    velocity: sigma("smoothed sigma of velocity", "", 12, 512, -7),
+                    correlation: 10,
+                },
+                shift: fixed(SHIFT, "", 16, 4096.0),
+                transition: 13,
+                largest: 2.0,
+                noise: Some(Scale {
+                    position: sigma("sigma of the step's position", "", 10, 64, -14),
+                    velocity: sigma("sigma of the step's velocity", "", 10, 64, -14),
+                    correlation: 10,
+                }),
             },
-            shift: fixed(SHIFT, "", 12, 256.0),
-            transition: 12,
         },
     }
 }
@@ -163,212 +134,9 @@ pub fn node_bits(form: GraphForm, begin: bool) -> u32 {
     mean + sigmas + correlations + tie
 }
 
-/// A covariance's codes and what they decode to.
-struct Covering {
-    sigmas: Vec<u32>,
-    correlations: Vec<i64>,
-    root: NodeMatrix,
-}
-
-impl Scale {
-    fn field(&self, entry: usize) -> &SigmaField {
-        if entry < 2 { &self.position } else { &self.velocity }
-    }
-
-    fn last_correlation(&self) -> f64 {
-        f64::from((1u32 << (self.correlation - 1)) - 1)
-    }
-
-    /// Steps of a correlation: half a step short of 1 at the last code.
-    fn correlation_steps(&self) -> f64 {
-        self.last_correlation() + 0.5
-    }
-
-    fn matrix(&self, shape: &Shape, sigmas: &[u32], correlations: &[i64]) -> NodeMatrix {
-        let mut scale = NodeVector::zeros();
-        for (group, code) in shape.sigmas.iter().zip(sigmas) {
-            group.iter().for_each(|entry| scale[*entry] = self.field(*entry).decode(*code));
-        }
-        let mut matrix = NodeMatrix::from_diagonal(&scale.map(|sigma| sigma * sigma));
-        for (group, code) in shape.correlations.iter().zip(correlations) {
-            for (r, c) in *group {
-                let value = *code as f64 / self.correlation_steps() * scale[*r] * scale[*c];
-                matrix[(*r, *c)] = value;
-                matrix[(*c, *r)] = value;
-            }
-        }
-        matrix
-    }
-
-    /// The codes of least volume whose covariance is at least `wanted`.
-    fn cover(&self, shape: &Shape, wanted: &NodeMatrix) -> Result<Covering, PacketError> {
-        let least = shape
-            .sigmas
-            .iter()
-            .map(|group| self.field(group[0]).encode(wanted[(group[0], group[0])].max(0.0).sqrt()))
-            .collect::<Result<Vec<_>, _>>()?;
-        let mut correlations: Vec<i64> = shape
-            .correlations
-            .iter()
-            .map(|group| {
-                let (r, c) = group[0];
-                let scale = (wanted[(r, r)] * wanted[(c, c)]).sqrt();
-                let steps = if scale > 0.0 { wanted[(r, c)] / scale * self.correlation_steps() } else { 0.0 };
-                steps.round().clamp(-self.last_correlation(), self.last_correlation()) as i64
-            })
-            .collect();
-        loop {
-            if let Some(found) = self.least_volume(shape, wanted, &least, &correlations) {
-                return Ok(found);
-            }
-            // Correlations nearer to 1 than their steps resolve: take them back and let the sigmas rise.
-            if correlations.iter().all(|code| *code == 0) {
-                return Err(PacketError::NotPositiveDefinite { field: "covariance that sigmas can cover" });
-            }
-            correlations.iter_mut().for_each(|code| *code -= code.signum());
-        }
-    }
-
-    /// The codes of a matrix that codes decode to.
-    fn codes_of(&self, shape: &Shape, matrix: &NodeMatrix) -> Covering {
-        let sigmas = shape.sigmas.iter().map(|group| {
-            let field = self.field(group[0]);
-            let octaves = 0.5 * matrix[(group[0], group[0])].log2() - f64::from(field.lowest_log2);
-            (octaves * f64::from(field.steps_per_octave)).round().max(0.0) as u32
-        });
-        let correlations = shape.correlations.iter().map(|group| {
-            let (r, c) = group[0];
-            let scale = (matrix[(r, r)] * matrix[(c, c)]).sqrt();
-            (matrix[(r, c)] / scale * self.correlation_steps()).round() as i64
-        });
-        Covering { sigmas: sigmas.collect(), correlations: correlations.collect(), root: NodeMatrix::zeros() }
-    }
-
-    fn least_volume(
-        &self,
-        shape: &Shape,
-        wanted: &NodeMatrix,
-        least: &[u32],
-        correlations: &[i64],
-    ) -> Option<Covering> {
-        let count = least.len();
-        let mut best: Option<(f64, Covering)> = None;
-        for choice in 0..(RAISES + 1).pow(count as u32) {
-            let mut left = choice;
-            let mut sigmas = least.to_vec();
-            for (group, code) in shape.sigmas.iter().zip(&mut sigmas) {
-                *code += left % (RAISES + 1);
-                left /= RAISES + 1;
-                if *code >= 1 << self.field(group[0]).bits {
-                    return best.map(|(_, found)| found);
-                }
-            }
-            let matrix = self.matrix(shape, &sigmas, correlations);
-            let Some(cholesky) = matrix.cholesky() else { continue };
-            let volume = cholesky.determinant();
-            if best.as_ref().is_some_and(|(smallest, _)| volume >= *smallest) || !covers(&matrix, wanted) {
-                continue;
-            }
-            let correlations = correlations.to_vec();
-            best = Some((volume, Covering { sigmas, correlations, root: cholesky.l() }));
-        }
-        best.map(|(_, found)| found)
-    }
-
-    fn write(&self, writer: &mut BitWriter, shape: &Shape, codes: &Covering) -> Result<(), PacketError> {
-        for (group, code) in shape.sigmas.iter().zip(&codes.sigmas) {
-            let field = self.field(group[0]);
-            writer.push(field.name, u64::from(*code), field.bits)?;
-        }
-        codes.correlations.iter().try_for_each(|code| push_signed(writer, *code, self.correlation))
-    }
-
-    fn read(&self, reader: &mut BitReader, shape: &Shape) -> Result<NodeMatrix, PacketError> {
-        let mut sigmas = Vec::with_capacity(4);
-        for group in shape.sigmas {
-            let field = self.field(group[0]);
-            sigmas.push(reader.take(field.name, field.bits)? as u32);
-        }
-        let correlations = shape
-            .correlations
-            .iter()
-            .map(|_| take_signed(reader, self.correlation))
-            .collect::<Result<Vec<_>, _>>()?;
-        let matrix = self.matrix(shape, &sigmas, &correlations);
-        if matrix.cholesky().is_none() {
-            return Err(PacketError::NotPositiveDefinite { field: "covariance" });
-        }
-        Ok(matrix)
-    }
-}
-
-const SIGNED: &str = "signed entry";
-
-fn push_signed(writer: &mut BitWriter, code: i64, bits: u32) -> Result<(), PacketError> {
-    writer.push(SIGNED, code as u64 & (u64::MAX >> (64 - bits)), bits)
-}
-
-fn take_signed(reader: &mut BitReader, bits: u32) -> Result<i64, PacketError> {
-    Ok(sign_extend(reader.take(SIGNED, bits)?, bits))
-}
-
-fn covers(matrix: &NodeMatrix, wanted: &NodeMatrix) -> bool {
-    symmetrized(&(matrix - wanted)).symmetric_eigenvalues().min() >= 0.0
-}
-
-/// Entries of norm at most 1, to whole multiples of `scale / (last + ½)`.
-fn write_entries(
-    writer: &mut BitWriter,
-    shape: &Shape,
-    bits: u32,
-    scale: f64,
-    matrix: &NodeMatrix,
-) -> Result<NodeMatrix, PacketError> {
-    let last = f64::from((1u32 << (bits - 1)) - 1);
-    let code = |value: f64| (value / scale * (last + 0.5)).round().clamp(-last, last);
-    let decoded = |factor: f64| {
-        let mut rounded = NodeMatrix::zeros();
-        for group in shape.entries {
-            let value = code(matrix[group[0]] * factor) / (last + 0.5) * scale;
-            group.iter().for_each(|at| rounded[*at] = value);
-        }
-        rounded
-    };
-    let mut factor = 1.0;
-    let mut rounded = decoded(factor);
-    while rounded.singular_values().max() > 1.0 && factor > 0.5 {
-        factor -= 0.5 / last;
-        rounded = decoded(factor);
-    }
-    for group in shape.entries {
-        push_signed(writer, code(matrix[group[0]] * factor) as i64, bits)?;
-    }
-    Ok(rounded)
-}
-
-fn read_entries(
-    reader: &mut BitReader,
-    shape: &Shape,
-    bits: u32,
-    scale: f64,
-) -> Result<NodeMatrix, PacketError> {
-    let last = f64::from((1u32 << (bits - 1)) - 1);
-    let mut matrix = NodeMatrix::zeros();
-    for group in shape.entries {
-        let value = take_signed(reader, bits)? as f64 / (last + 0.5) * scale;
-        group.iter().for_each(|at| matrix[*at] = value);
-    }
-    Ok(matrix)
-}
-
 const MEAN: [&str; 4] = ["mean easting", "mean northing", "mean velocity east", "mean velocity north"];
 
 impl Widths {
-    /// How far an earlier mean may have moved, in its own sigmas.
-    fn most_shift(&self) -> f64 {
-        self.shift.decode((1 << (self.shift.bits - 1)) - 1)
-    }
-
     fn mean(&self, entry: usize) -> FixedField {
         if entry < 2 {
             fixed(MEAN[entry], "m", self.position, 100.0)
@@ -396,6 +164,19 @@ impl Widths {
         self.covered(mean, &wanted)
     }
 
+    /// Exact lags as far as they fit. They are told by their place: after one that does not there are none, and the
+    /// receiver has the filtered-error model.
+    fn lags(&self, told: &Told, sent: &Gaussian<4>) -> Result<Vec<(u64, Lag)>, PacketError> {
+        let back = inverse_root_of(&sent.covariance)?;
+        let later = Later { back: &back, off: back * (told.node.filtered.mean - sent.mean) };
+        let mut lags = Vec::with_capacity(told.lags.len());
+        for (id, earlier, step) in &told.lags {
+            let Some(lag) = self.lag.round(earlier, &later, step)? else { break };
+            lags.push((*id, Lag::Rounded(lag)));
+        }
+        Ok(lags)
+    }
+
     fn covered(&self, mean: NodeVector, wanted: &NodeMatrix) -> Result<(Gaussian<4>, Covering), PacketError> {
         let codes = self.covariance.cover(self.shape, wanted)?;
         let covariance = self.covariance.matrix(self.shape, &codes.sigmas, &codes.correlations);
@@ -404,7 +185,7 @@ impl Widths {
 }
 
 /// Refuses what one number for x and y cannot say.
-fn isotropic(matrix: &NodeMatrix) -> Result<(), PacketError> {
+pub(super) fn isotropic(matrix: &NodeMatrix) -> Result<(), PacketError> {
     let scale = |r: usize, c: usize| {
         let diagonal =
             |k: usize| (0..4).map(|j| matrix[(k, j)].abs().max(matrix[(j, k)].abs())).fold(0.0, f64::max);
@@ -430,63 +211,58 @@ pub struct Told {
     pub lags: Vec<(u64, Gaussian<4>, crate::information::Step)>,
 }
 
-/// A sender's packet, rounded: exactly what a receiver will decode.
+/// A sender's packet, rounded: exactly what a receiver will decode, M left to be rounded when it is written.
 ///
 /// # Errors
 /// [`PacketError`] naming what does not fit, [`PacketError::NotIsotropic`].
 pub fn rounded(told: &Told, form: GraphForm) -> Result<GraphPacket, PacketError> {
     let w = widths(form);
-    let (filtered, codes) = w.round(&told.node.filtered)?;
-    let back = codes.root.try_inverse().ok_or(PacketError::NotPositiveDefinite { field: "covariance" })?;
-    let mut lags = Vec::with_capacity(told.lags.len());
+    let (mut filtered, codes) = w.round(&told.node.filtered)?;
+    let mut lags = w.lags(told, &filtered)?;
+    for raise in 1..=NODE_RAISES {
+        if lags.len() == told.lags.len() {
+            break;
+        }
+        // An exact lag that no code tells honestly is worth a little more of the node's own uncertainty.
+        let sigmas: Vec<u32> = codes.sigmas.iter().map(|code| code + raise).collect();
+        if w.shape
+            .sigmas
+            .iter()
+            .zip(&sigmas)
+            .any(|(group, code)| *code >> w.covariance.field(group[0]).bits > 0)
+        {
+            break;
+        }
+        let covariance = w.covariance.matrix(w.shape, &sigmas, &codes.correlations);
+        let raised = Gaussian { covariance, ..filtered };
+        let found = w.lags(told, &raised)?;
+        if found.len() > lags.len() {
+            (filtered, lags) = (raised, found);
+        }
+    }
     let (origin, tie) = match &told.origin {
         None => (told.node.id, Tie::Begin),
         Some((origin, known, transition)) => {
-            let root = root_of(&known.covariance)?;
             if w.shape.sigmas.len() == 2 {
                 isotropic(transition)?;
             }
-            (*origin, Tie::Correlation(back * transition * root))
+            let back = inverse_root_of(&filtered.covariance)?;
+            (*origin, Tie::Correlation(back * transition * root_of(&known.covariance)?))
         }
     };
-    for (id, earlier, step) in &told.lags {
-        let lag = round_lag(&w, earlier, &back, step)?;
-        // Lags are told by their place: after one whose mean moved too far for its field there are none, and the
-        // receiver has the filtered-error model.
-        if lag.shift.iter().any(|value| value.abs() > w.most_shift()) {
-            break;
-        }
-        lags.push((*id, Lag::Rounded(lag)));
-    }
     Ok(GraphPacket { node: Node { filtered, ..told.node }, origin, tie, lags })
 }
 
-fn root_of(covariance: &NodeMatrix) -> Result<NodeMatrix, PacketError> {
+fn inverse_root_of(covariance: &NodeMatrix) -> Result<NodeMatrix, PacketError> {
+    root_of(covariance)?.try_inverse().ok_or(PacketError::NotPositiveDefinite { field: "covariance" })
+}
+
+pub(super) fn root_of(covariance: &NodeMatrix) -> Result<NodeMatrix, PacketError> {
     let cholesky = symmetrized(covariance).cholesky();
     Ok(cholesky.ok_or(PacketError::NotPositiveDefinite { field: "covariance" })?.l())
 }
 
-fn round_lag(
-    w: &Widths,
-    earlier: &Gaussian<4>,
-    back: &NodeMatrix,
-    step: &crate::information::Step,
-) -> Result<RoundedLag, PacketError> {
-    let singular = || PacketError::NotPositiveDefinite { field: "smoothed covariance" };
-    let root = root_of(&earlier.covariance)?;
-    let told = symmetrized(&(root.transpose() * step.told_matrix * root));
-    if w.shape.sigmas.len() == 2 {
-        isotropic(&told)?;
-    }
-    let exact = symmetrized(&(NodeMatrix::identity() + told).try_inverse().ok_or_else(singular)?);
-    // In the earlier node's own scale: how far its mean moved.
-    let shift = exact * root.transpose() * (step.told_vector - step.told_matrix * earlier.mean);
-    let codes = w.lag.cover(w.shape, &exact)?;
-    let smoothed = w.lag.matrix(w.shape, &codes.sigmas, &codes.correlations);
-    Ok(RoundedLag { smoothed, shift, transition: back * step.transition * root * root_of(&smoothed)? })
-}
-
-/// Writes a packet that [`rounded`] made; M, K and shifts are rounded here.
+/// Writes a packet that [`rounded`] made; M is rounded here.
 pub(super) fn write_rounded(
     writer: &mut BitWriter,
     form: GraphForm,
@@ -512,22 +288,7 @@ pub(super) fn write_rounded(
         let Lag::Rounded(lag) = lag else {
             return Err(PacketError::InvalidCode { field: "lag of a rounded packet", code: 0 });
         };
-        let codes = w.lag.codes_of(w.shape, &lag.smoothed);
-        w.lag.write(writer, w.shape, &codes)?;
-        let most = w.most_shift();
-        for value in lag.shift.iter() {
-            if value.abs() > most {
-                return Err(PacketError::OutOfRange {
-                    field: SHIFT,
-                    unit: "sigma",
-                    value: *value,
-                    minimum: -most,
-                    maximum: most,
-                });
-            }
-            w.shift.write(writer, *value)?;
-        }
-        write_entries(writer, w.shape, w.transition, 1.0, &lag.transition)?;
+        w.lag.write(writer, lag)?;
     }
     Ok(())
 }
@@ -570,21 +331,9 @@ pub(super) fn read_rounded(
     let mut lags = Vec::new();
     if w.lag_count > 0 {
         let count = lag_count(w.lag_count).read(reader)?;
-        for lag in rounded_lag_ids(id, origin).take(count as usize) {
-            lags.push((lag, Lag::Rounded(read_lag(reader, &w)?)));
-        }
-        if lags.len() as u64 != count {
-            return Err(PacketError::InvalidCode { field: "exact lags", code: count });
+        for lag in told_lags("exact lags", id, begin, count)? {
+            lags.push((lag, Lag::Rounded(w.lag.read(reader)?)));
         }
     }
     Ok(GraphPacket { node, origin, tie, lags })
-}
-
-fn read_lag(reader: &mut BitReader, w: &Widths) -> Result<RoundedLag, PacketError> {
-    let smoothed = w.lag.read(reader, w.shape)?;
-    let mut shift = NodeVector::zeros();
-    for entry in 0..4 {
-        shift[entry] = w.shift.read(reader)?;
-    }
-    Ok(RoundedLag { smoothed, shift, transition: read_entries(reader, w.shape, w.transition, 1.0)? })
 }

@@ -8,6 +8,7 @@
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::odometry::{self, Move, Odometer};
 use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector, Term, process};
@@ -268,18 +269,31 @@ pub struct LocalFilter {
     pub node: Option<Gaussian<NODE>>,
     /// Measurements gated.
     pub rejected: u64,
+    /// Of a vehicle that is told how it moved.
+    pub odometer: Odometer,
     gate: FixGate,
 }
 
-/// A measurement that a filter fused.
+/// What an own sensor does to the own node.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Change {
+    /// The first fix.
+    Start(Linear),
+    /// A measurement.
+    Sensed(Linear),
+    /// Odometry.
+    Moved(Move),
+}
+
+/// A sensor event that a filter took.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Fused {
-    /// Whether it started the filter.
-    pub started: bool,
     /// Spectral density of the acceleration before it, m²/s³.
     pub q_m2_per_s3: f64,
-    /// The measurement.
-    pub linear: Linear,
+    /// What it did.
+    pub change: Change,
+    /// The step that odometry told, linearised at this filter's node.
+    pub step: Option<odometry::Step>,
 }
 
 impl LocalFilter {
@@ -289,8 +303,15 @@ impl LocalFilter {
     /// What [`LocalOptions::validate`] says.
     pub fn new(options: LocalOptions) -> Result<Self, Error> {
         options.validate()?;
-        let sensors = Sensors::default();
-        Ok(Self { options, sensors, now_ns: None, node: None, rejected: 0, gate: FixGate::default() })
+        Ok(Self {
+            options,
+            sensors: Sensors::default(),
+            now_ns: None,
+            node: None,
+            rejected: 0,
+            odometer: Odometer::default(),
+            gate: FixGate::default(),
+        })
     }
 
     /// The options.
@@ -302,7 +323,7 @@ impl LocalFilter {
     /// Moves to `t_ns`, never back.
     pub fn advance(&mut self, t_ns: i64) {
         let now_ns = self.now_ns.unwrap_or(t_ns);
-        if t_ns > now_ns {
+        if t_ns > now_ns && !self.odometer.moves() {
             let q = self.sensors.process_noise_m2_per_s3(&self.options);
             self.node = self.node.map(|node| predicted(&node, seconds(t_ns.saturating_sub(now_ns)), q));
         }
@@ -318,37 +339,40 @@ impl LocalFilter {
     pub fn sense_and_tell(&mut self, t_ns: i64, payload: &Payload) -> (Outcome, Option<Fused>) {
         self.advance(t_ns);
         let q_m2_per_s3 = self.sensors.process_noise_m2_per_s3(&self.options);
+        let started = self.node.is_some();
+        if let Some(told) = self.odometer.told(payload, started) {
+            let step = self.node.map(|node| told.step(&node.mean));
+            self.node = self.node.zip(step).map(|(node, step)| step.applied(&node));
+            return (Outcome::Fused, Some(Fused { q_m2_per_s3, change: Change::Moved(told), step }));
+        }
         let linear = match self.sensors.read(t_ns, payload) {
             Reading::Nothing => return (Outcome::Noted, None),
             Reading::Refused => {
                 self.rejected += 1;
                 return (Outcome::Gated, None);
             }
+            // The node of a vehicle with odometry has no velocity to be measured.
+            Reading::Linear(linear) if linear.half == Half::Velocity && self.odometer.moves() => {
+                return (Outcome::Noted, None);
+            }
             Reading::Linear(linear) => linear,
         };
+        let fused = |change| Some(Fused { q_m2_per_s3, change, step: None });
         let Some(node) = &mut self.node else {
             if linear.half == Half::Velocity {
                 return (Outcome::Noted, None);
             }
             self.node = Some(start(&linear, &self.options));
-            return (Outcome::Fused, Some(Fused { started: true, q_m2_per_s3, linear }));
+            return (Outcome::Fused, fused(Change::Start(linear)));
         };
         let observe = linear.observe();
         let squared = node.innovation_squared(&observe, &linear.value, &linear.noise);
         let admitted = squared.is_some_and(|squared| self.gate.admits(linear.half, squared, &self.options));
         if admitted && node.update(&observe, &linear.value, &linear.noise).is_ok() {
-            return (Outcome::Fused, Some(Fused { started: false, q_m2_per_s3, linear }));
+            return (Outcome::Fused, fused(Change::Sensed(linear)));
         }
         self.rejected += 1;
         (Outcome::Gated, None)
-    }
-
-    /// The own node predicted to `t_ns`, without changing anything.
-    #[must_use]
-    pub fn node_at(&self, t_ns: i64) -> Option<Gaussian<NODE>> {
-        let q = self.sensors.process_noise_m2_per_s3(&self.options);
-        let now_ns = self.now_ns?;
-        self.node.map(|node| predicted(&node, seconds(t_ns.saturating_sub(now_ns)), q))
     }
 }
 

@@ -68,6 +68,35 @@ impl Step {
     }
 }
 
+/// What a vehicle may have moved without its odometry telling, between two launches: a millimetre, and as little of its
+/// heading's error and scale. Without it one at rest would launch the same node twice, which no information matrix holds.
+const SIGMA_REST: [f64; 4] = [1e-3, 1e-3, 1e-4, 1e-5];
+
+/// Covariance of what odometry does not tell between two launches.
+#[must_use]
+pub fn unrest() -> NodeMatrix {
+    NodeMatrix::from_diagonal(&NodeVector::from(SIGMA_REST).map(|sigma| sigma * sigma))
+}
+
+/// An odometry event with the yaw that its displacement starts from.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Move {
+    body_m: Vector2<f64>,
+    yaw_rad: f64,
+    covariance: [f64; 6],
+    /// The vehicle's first: the node forgets its velocity.
+    first: bool,
+}
+
+impl Move {
+    /// Its step, linearised at the node's mean.
+    #[must_use]
+    pub fn step(&self, node: &NodeVector) -> Step {
+        let fresh = if self.first { Step::begin() } else { Step::rest() };
+        fresh.then(&step(&self.body_m, self.yaw_rad, &self.covariance, &(fresh.transition * node)))
+    }
+}
+
 /// What a vehicle with odometry must remember.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Odometer {
@@ -80,6 +109,23 @@ impl Odometer {
     #[must_use]
     pub fn moves(&self) -> bool {
         self.moves
+    }
+
+    /// As [`Odometer::read`] for a vehicle that `started`; one that has no node yet only sums up its yaw.
+    pub fn told(&mut self, payload: &Payload, started: bool) -> Option<Move> {
+        match *payload {
+            Payload::Odometry { displacement_m, yaw_change_rad, covariance } => {
+                let yaw_rad = self.yaw_rad?;
+                self.yaw_rad = Some(yaw_rad + yaw_change_rad);
+                let first = !self.moves;
+                self.moves |= started;
+                started.then(|| Move { body_m: Vector2::from(displacement_m), yaw_rad, covariance, first })
+            }
+            _ => {
+                self.read(payload, None);
+                None
+            }
+        }
     }
 
     /// Reads a heading, the first of which is where yaw changes are counted from, or an odometry event; the latter, once

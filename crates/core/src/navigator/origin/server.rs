@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{Fused, LocalFilter, LocalOptions};
+use super::local::{Change, Fused, LocalFilter, LocalOptions};
+use super::odometry;
 use crate::error::Error;
 use crate::event::{Payload, VehicleId};
 use crate::information::chain::joint_of;
@@ -91,11 +92,20 @@ impl Server {
         }
         let mut filter = self.filter.clone();
         let (outcome, fused) = filter.sense_and_tell(t_ns, payload);
-        if let Some(Fused { q_m2_per_s3, linear, .. }) = fused
+        if let Some(Fused { q_m2_per_s3, change, step }) = fused
             && !self.chain.nodes().is_empty()
         {
             let mut since = self.since_at(t_ns, q_m2_per_s3);
-            since.update(&linear.observe(), &linear.value, &linear.noise)?;
+            match change {
+                Change::Start(linear) | Change::Sensed(linear) => {
+                    since.update(&linear.observe(), &linear.value, &linear.noise)?;
+                }
+                Change::Moved(_) => {
+                    let step = step.unwrap_or_else(odometry::Step::rest);
+                    since.predict(&step.transition, &step.noise);
+                    since.offset += step.offset;
+                }
+            }
             (self.since, self.since_ns) = (since, t_ns);
         }
         self.filter = filter;
@@ -106,6 +116,9 @@ impl Server {
     fn since_at(&self, t_ns: i64, q_m2_per_s3: f64) -> Step {
         let dt_s = seconds(t_ns.saturating_sub(self.since_ns));
         let mut since = self.since;
+        if self.filter.odometer.moves() {
+            return since;
+        }
         since.predict(&process::transition(dt_s), &process::noise(dt_s, q_m2_per_s3));
         since
     }
@@ -116,7 +129,11 @@ impl Server {
         let mut filter = self.filter.clone();
         let q = filter.sensors.process_noise_m2_per_s3(filter.options());
         filter.advance(tol_ns);
-        let step = self.since_at(tol_ns, q);
+        let mut step = self.since_at(tol_ns, q);
+        if let Some(node) = filter.node.as_mut().filter(|_| filter.odometer.moves()) {
+            node.covariance += odometry::unrest();
+            step.noise += odometry::unrest();
+        }
         let node = Node { id: self.sequencer.peek(), tol_ns, filtered: filter.node? };
         Some(Launch { node, step, filter })
     }

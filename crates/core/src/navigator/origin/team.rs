@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{Fused, Linear, LocalOptions, Range, predicted, start};
+use super::local::{self, Fused, LocalOptions, Range, predicted, start};
 use crate::error::Error;
 use crate::event::VehicleId;
 use crate::information::{Gaussian, Joint, NODE, NodeVector, Step, process};
@@ -25,6 +25,8 @@ struct Moment {
     joint: Joint,
     /// Node of this vehicle; none before its first fix.
     own: Option<usize>,
+    /// Whether the own vehicle moves by odometry.
+    moves: bool,
     /// Node of each vehicle's newest launch that is known.
     peers: Vec<Option<usize>>,
 }
@@ -32,8 +34,7 @@ struct Moment {
 /// What happened to the joint.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 enum Change {
-    Start(Linear),
-    Sensed(Linear),
+    Own(local::Change),
     Heard(Box<Heard>),
 }
 
@@ -74,7 +75,7 @@ impl Moment {
     /// Predicts the own node to `t_ns`.
     fn advance(&mut self, t_ns: i64, q_m2_per_s3: f64) {
         let dt_s = seconds(t_ns.saturating_sub(self.t_ns));
-        if let (Some(own), true) = (self.own, dt_s > 0.0) {
+        if let (Some(own), true) = (self.own, dt_s > 0.0 && !self.moves) {
             let (f, q) = (process::transition(dt_s), process::noise(dt_s, q_m2_per_s3));
             self.joint.propagate(own, &f, &NodeVector::zeros(), &q);
         }
@@ -84,14 +85,22 @@ impl Moment {
     /// Applies a change at its time; ranges beyond `gate_sigmas` are gated, and then nothing has changed.
     fn apply(&mut self, change: &Change, options: &LocalOptions, gate_sigmas: f64) -> Result<Outcome, Error> {
         match change {
-            Change::Start(linear) => self.own = Some(self.joint.push(&start(linear, options))),
-            Change::Sensed(linear) => {
+            Change::Own(local::Change::Start(linear)) => {
+                self.own = Some(self.joint.push(&start(linear, options)))
+            }
+            Change::Own(local::Change::Sensed(linear)) => {
                 let Some(own) = self.own else { return Ok(Outcome::Noted) };
                 let innovation =
                     self.joint.pair_innovation(own, linear.first(), &linear.value, &linear.noise).ok_or(
                         Error::NotPositiveDefinite { quantity: "innovation covariance of the own sensors" },
                     )?;
                 self.joint.fuse(&innovation);
+            }
+            Change::Own(local::Change::Moved(told)) => {
+                self.moves = true;
+                let Some(own) = self.own else { return Ok(Outcome::Noted) };
+                let step = told.step(&self.joint.node_mean(own));
+                self.joint.propagate(own, &step.transition, &step.offset, &step.noise);
             }
             Change::Heard(heard) => {
                 return self.hear(heard.peer, &heard.news, heard.range.as_ref(), gate_sigmas);
@@ -137,7 +146,13 @@ impl TeamFilter {
     /// A filter of a vehicle in a team of `vehicles`.
     #[must_use]
     pub fn new(options: LocalOptions, vehicles: usize) -> Self {
-        let now = Moment { t_ns: i64::MIN, joint: Joint::new(), own: None, peers: vec![None; vehicles] };
+        let now = Moment {
+            t_ns: i64::MIN,
+            joint: Joint::new(),
+            own: None,
+            moves: false,
+            peers: vec![None; vehicles],
+        };
         Self { options, now, copies: VecDeque::new(), changes: VecDeque::new() }
     }
 
@@ -146,8 +161,7 @@ impl TeamFilter {
     /// # Errors
     /// [`Error::NotPositiveDefinite`]; nothing has changed then.
     pub fn sense(&mut self, t_ns: i64, fused: &Fused) -> Result<(), Error> {
-        let linear = fused.linear;
-        let change = if fused.started { Change::Start(linear) } else { Change::Sensed(linear) };
+        let change = Change::Own(fused.change);
         let q = fused.q_m2_per_s3;
         let mut next = self.now.clone();
         next.advance(t_ns, q);
@@ -239,8 +253,11 @@ impl TeamFilter {
     #[must_use]
     pub fn own_at(&self, t_ns: i64, q_m2_per_s3: f64) -> Option<Gaussian<NODE>> {
         let own = self.now.own?;
-        let dt_s = seconds(t_ns.saturating_sub(self.now.t_ns));
-        Some(predicted(&self.now.joint.marginal(own), dt_s, q_m2_per_s3))
+        let node = self.now.joint.marginal(own);
+        if self.now.moves {
+            return Some(node);
+        }
+        Some(predicted(&node, seconds(t_ns.saturating_sub(self.now.t_ns)), q_m2_per_s3))
     }
 
     /// A peer's newest node, as the joint has it.
