@@ -324,7 +324,9 @@ def native_chart(chart: Chart) -> _native.Chart:
     """The chart in the core's form; share it between vehicles and navigators."""
     import numpy as np
 
-    sigma = chart.sigma_map_m
+    from uwcoop.charts.slopes import node_sigma
+
+    sigma = chart.sigma_map_m if chart.horizontal_error_m <= 0 else node_sigma(chart).astype(np.float32)
     per_node = isinstance(sigma, np.ndarray)
     finite = np.asarray(sigma)[np.isfinite(sigma)]
     return _native.Chart(
