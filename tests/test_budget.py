@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+import uwcoop
 from uwcoop import acoustics
 from uwcoop.budget import Budget, budget, packet_bytes, packet_fields
 from uwcoop.budget_report import budget_report
@@ -132,3 +133,17 @@ def test_every_size_of_exchange_packet_adds_up(size: int) -> None:
     tables = load("seafloor-survey", [f"navigator.landmark.packet_bytes={size}"]).resolved()
     fields = packet_fields("landmark", tables, 2, acoustics.NO_LIMIT_BYTES)
     assert sum(field.total_bits for field in fields) == 8 * size
+
+
+@pytest.mark.parametrize(("modem", "tag_bytes", "size"), [
+    ("micromodem-32", 0, 32), ("micromodem-32", 4, 24), ("micromodem-32", 8, 28), ("micromodem-64", 4, 34),
+])  # fmt: skip
+def test_an_origin_packet_whose_frame_is_full_gives_its_exact_lag_up_for_a_tag(
+    modem: str, tag_bytes: int, size: int
+) -> None:
+    spoken = ('acoustics.packet="32"', f'acoustics.modem="{modem}"', f"{TAGS}={tag_bytes}")
+    found = budget(load("ship-and-auv", spoken), ["mdeif"]).costs["mdeif"]
+    assert found is not None
+    assert (found.packet_bytes, found.frames) == (size, 1)
+    flown = uwcoop.run("ship-and-auv", ["mdeif"], seed=0, overrides=(*spoken, "duration_s=400"), clouds=False)
+    assert flown.tracks.packet_bytes.values.max() == size
