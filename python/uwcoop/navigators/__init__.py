@@ -300,10 +300,10 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
     if tags and "tag_bytes" in model.model_fields:
         own.setdefault("tag_bytes", tags)
-    if tags and "exact_lags" in model.model_fields and own.get("packet_form") == "32":
-        # The exact lag fills its frame: where the slot has no more, it makes way for the tag.
-        if not _slot_holds(scenario or {}, 32 - CHECKSUM_BYTES + tags):
-            own.setdefault("exact_lags", 0)
+    full = tags and "exact_lags" in model.model_fields and own.get("packet_form") == "32"
+    # The exact lag fills its frame: where the slot has no more, it makes way for the tag.
+    if full and not _slot_holds(scenario or {}, 32 - CHECKSUM_BYTES + tags):
+        own.setdefault("exact_lags", 0)
     for option, value in fixed.items():
         if own.get(option, value) != value:
             raise NavigatorError(
