@@ -1,60 +1,159 @@
-"""What `team` is worth: paired studies on the packaged scenarios, one line for each navigator.
+"""What `team` is worth: paired studies on the packaged scenarios, one line for each navigator and variant.
 
-python studies/team.py [--runs N] [--only NAME,...]
+    python studies/team.py NAME … [--runs N] [--processes N]
+
+Every name is one question; `python studies/team.py --help` lists them. Run k has seed k for every variant.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import uwcoop
+from uwcoop import metrics, scenario
 
-NAVIGATORS = ["team", "mpf", "mpf-terrain-only", "dead-reckoning"]
-STUDIES: dict[str, tuple[str, list[str], dict[str, list[Any]]]] = {
-    "rich": ("st-john-drift", [], {}),
-    "flat": ("flat-bay", [], {}),
-    "poor": ("poor-bay", [], {}),
-    "surveyed": ("surveyed-bay", ['drift.preset="dvl"', 'navigator.all.drift="dvl"',
-                                  "navigator.team.current_difference=1.0"], {}),
-    "mixed": ("mixed-team", [], {}),
-    "loss": ("flat-bay", [], {"acoustics.loss.probability": [0.0, 0.2, 0.4, 0.6, 0.9, 1.0]}),
-    "vehicles": ("flat-bay", [], {"vehicles.count": [2, 3, 5]}),
-    "currents": ("flat-bay", [], {"navigator.team.current_difference": [1.0, 0.3, 0.1]}),
-    "particles": ("flat-bay", [], {"navigator.team.particles": [600, 1000, 1500]}),
-    "groups": ("flat-bay", ["vehicles.count=5"], {"navigator.team.group_size": [1, 2, 4]}),
+ALL = ("team", "mpf", "mpf-terrain-only", "dmpf", "dead-reckoning")
+PAIR = ("team", "mpf-terrain-only")
+SAME_PARTICLES = "navigator.all.particles=1500"
+KNOWN = ("sigma_current0_mps", "sigma_heading_bias0_rad", "sigma_thrust_bias0_mps")
+"""What a scenario tells dead reckoning of its world, and `team` has to be told where it has no chart."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """One table."""
+
+    asks: str
+    world: str
+    navigators: Sequence[str] = ("team",)
+    overrides: Sequence[str] = ()
+    vary: Mapping[str, Sequence[Any]] = field(default_factory=dict)
+
+
+FULL = 'acoustics.modem="unlimited"'
+QUESTIONS: dict[str, Question] = {
+    "rich": Question("rich terrain", "st-john-drift", ALL),
+    "flat": Question("flat bottom, 20 % loss", "flat-bay", ALL),
+    "poor": Question("0.5 m of relief, poor sensors", "poor-bay", ALL),
+    "surveyed": Question("a chart with errors of a survey", "surveyed-bay", ALL),
+    "one-sigma": Question(
+        "one sigma for all of such a chart", "surveyed-bay", ALL[:3],
+        vary={"chart.survey.error_by_slope": [True, False]},
+    ),
+    "mixed": Question("vehicles that carry different things", "mixed-team", ("team", "mpf-terrain-only")),
+    "vehicles": Question(
+        "more teammates never hurt", "flat-bay", overrides=(SAME_PARTICLES,), vary={"vehicles.count": [1, 2, 3, 5]}
+    ),
+    "loss": Question(
+        "less loss never hurts, and none is worse than alone", "flat-bay", PAIR, (SAME_PARTICLES,),
+        {"acoustics.loss.probability": [0.0, 0.2, 0.5, 0.8, 1.0]},
+    ),
+    "surveyed-loss": Question(
+        "the same on a surveyed chart", "surveyed-bay", PAIR,
+        (SAME_PARTICLES, 'acoustics.loss.model="independent"'),
+        {"acoustics.loss.probability": [0.0, 0.5, 0.8, 1.0]},
+    ),
+    "cycle": Question(
+        "shorter cycles never hurt", "flat-bay", vary={"acoustics.slot_s": [3.0, 6.0, 12.0]}
+    ),
+    "packet": Question(
+        "what 32 bytes with a tag cost", "flat-bay", overrides=(FULL,),
+        vary={"navigator.team.packet": ["f64", "rounded"]},
+    ),
+    "groups": Question(
+        "groups of teammates against one Gaussian over all", "flat-bay", overrides=("vehicles.count=6",),
+        vary={"navigator.team.group_size": [5, 4, 2, 1]},
+    ),
+    "particles": Question(
+        "fewer particles", "st-john-drift", vary={"navigator.team.particles": [300, 600, 1000, 1500, 3000]}
+    ),
+    "currents": Question(
+        "what a shared current is worth", "flat-bay", vary={"navigator.team.current_difference": [0.1, 0.3, 1.0]}
+    ),
 }  # fmt: skip
-"""By name: scenario, its overrides, what varies."""
+NO_CHART = "no-chart"
 
 
-def line(settings: dict[str, Any], name: str, found: dict[str, Any]) -> str:
-    """One navigator's figures."""
-    shown = " ".join(f"{key.rsplit('.', 1)[-1]}={value}" for key, value in settings.items())
-    ratio = found["rmse_over_bound"]
-    bound = "-" if ratio is None else f"{ratio:.2f}"
+def line(shown: str, name: str, rows: Sequence[Mapping[str, Any]], base: Sequence[Mapping[str, Any]]) -> str:
+    """One navigator's figures; the ratio is the median of its errors over those of `base`, run by run."""
+    found = metrics.pool(rows)[name]
+    over = found["rmse_over_bound"]
+    ratios = [row["rmse_m"] / first["rmse_m"] for row, first in zip(rows, base, strict=False)]
+    same = len(rows) == len(base)
     return (
-        f"{shown:24s} {name:18s} final {found['median_final_error_m']:7.2f} / {found['p95_final_error_m']:7.2f} m"
-        f"  RMSE {found['median_rmse_m']:6.2f} m  over bound {bound}  NEES {found['anees_median']:5.2f} / "
-        f"{found['anees']:7.2f}  lost {100 * found['lost_share']:.1f} %"
+        f"| {shown} | `{name}` | {found['median_final_error_m']:.2f} / {found['p95_final_error_m']:.1f} m "
+        f"| {found['median_rmse_m']:.2f} m | {found['anees_median']:.2f} / {found['anees']:.2f} "
+        f"| {100 * found['lost_share']:.1f} % | {'–' if over is None else f'{over:.2f}'} "
+        f"| {f'{np.median(ratios):.2f}' if same else '–'} |"
     )
 
 
+HEAD = (
+    "| | navigator | final error, median / 95 % | RMSE, median | ANEES median / mean | lost | over bound | paired |\n"
+    "|---|---|---|---|---|---|---|---|"
+)
+
+
+def ask(question: Question, runs: int, processes: int | None) -> None:
+    """Flies one question and prints its table; ratios are paired with its first line."""
+    result = uwcoop.study(
+        question.world, runs, list(question.navigators), question.vary, overrides=question.overrides,
+        processes=processes,
+    )  # fmt: skip
+    print(f"\n{question.asks}: {question.world}, {runs} runs {' '.join(question.overrides)}\n\n{HEAD}")
+    base: list[Mapping[str, Any]] = []
+    keys = list(question.vary)
+    combinations = list(dict.fromkeys(tuple(row[key] for key in keys) for row in result.rows))
+    for values in combinations:
+        for name in question.navigators:
+            own = [
+                row
+                for row in result.rows
+                if row["navigator"] == name and tuple(row[key] for key in keys) == values
+            ]
+            own.sort(key=lambda row: (int(row["run"]), str(row["vehicle"])))
+            base = base or own
+            shown = ", ".join(f"{k.rsplit('.', 1)[-1]} {v}" for k, v in zip(keys, values, strict=True))
+            print(line(shown, name, own, base), flush=True)
+
+
+def ask_without_a_chart(runs: int) -> None:
+    """Ranging only: the log's chart is taken away, as from a vehicle that has none."""
+    told = [f"navigator.team.{name}=0.0" for name in KNOWN]
+    world = scenario.load("st-john-drift", told)
+    rows: list[Mapping[str, Any]] = []
+    for seed in range(runs):
+        log = replace(uwcoop.simulate(world, seed=seed), chart=None)
+        flown = uwcoop.run(log, ["dead-reckoning", "team"], clouds=False)
+        rows += metrics.rows(flown.tracks, seconds=flown.seconds, packets=flown.packets, run=seed)
+    print(f"\nranging only: st-john-drift without its chart, {runs} runs\n\n{HEAD}")
+    base = [row for row in rows if row["navigator"] == "dead-reckoning"]
+    for name in ("dead-reckoning", "team"):
+        print(line("", name, [row for row in rows if row["navigator"] == name], base), flush=True)
+
+
 def main() -> None:
-    """Runs the studies that were asked for."""
-    arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--runs", type=int, default=20)
-    arguments.add_argument("--only", default=",".join(STUDIES))
-    chosen = arguments.parse_args()
-    for key in chosen.only.split(","):
-        scenario, overrides, vary = STUDIES[key]
-        navigators = NAVIGATORS if not vary else ["team", "mpf-terrain-only"]
-        result = uwcoop.study(
-            scenario, runs=chosen.runs, navigators=navigators, overrides=overrides, vary=vary
-        )
-        print(f"\n{key}: {scenario}, {chosen.runs} runs {' '.join(overrides)}")
-        for variant in result.summary["variants"]:
-            for name, found in variant["navigators"].items():
-                print(line(variant["set"], name, found))
+    """Asks what was asked for."""
+    about = "\n".join(f"  {name:14s} {question.asks}" for name, question in QUESTIONS.items())
+    parser = argparse.ArgumentParser(
+        description=f"{Path(__file__).name}: tables of docs/results/team.md\n\n{about}\n  {NO_CHART:14s} ranging only",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("names", nargs="+", choices=[*QUESTIONS, NO_CHART], metavar="NAME")
+    parser.add_argument("--runs", type=int, default=20)
+    parser.add_argument("--processes", type=int, default=None)
+    asked = parser.parse_args()
+    for name in asked.names:
+        if name == NO_CHART:
+            ask_without_a_chart(asked.runs)
+        else:
+            ask(QUESTIONS[name], asked.runs, asked.processes)
 
 
 if __name__ == "__main__":

@@ -36,8 +36,13 @@ def slope(log: MissionLog, at: Floats) -> Floats:
     return (np.array(ahead) - behind) / (2 * h)
 
 
-def in_information_form(log: MissionLog, options: dict[str, Any], seconds: int) -> Floats:
-    """The recursion of Tichavský et al. as they print it, J = (Q + F J⁻¹ Fᵀ)⁻¹ + Σ HᵀR⁻¹H, over full matrices."""
+def in_information_form(
+    log: MissionLog, options: dict[str, Any], seconds: int, current: float, offset: float
+) -> Floats:
+    """The recursion of Tichavský et al. as they print it, J = (Q + F J⁻¹ Fᵀ)⁻¹ + Σ HᵀR⁻¹H, over full matrices.
+
+    Currents and tides of two vehicles correlate by `current` and `offset`.
+    """
     assert log.chart is not None
     assert log.truth is not None
     V = len(log.vehicles)
@@ -52,13 +57,15 @@ def in_information_form(log: MissionLog, options: dict[str, Any], seconds: int) 
     walk = np.array([
         *[drift["sigma_position_m_per_sqrt_s"] ** 2] * 2, 0.0, *[drift["sigma_current_mps_per_sqrt_s"] ** 2] * 2
     ])  # fmt: skip
-    J = np.diag(1 / np.tile(prior, V))
+    together = np.kron(np.ones((V, V)) - np.eye(V), np.diag([0, 0, offset, current, current])) + np.eye(5 * V)
+    J = np.linalg.inv(together * np.tile(prior, V))
 
     def stepped(J: Floats, dt: float, extra: Floats) -> Floats:
         F = np.eye(5 * V)
         for v in range(V):
             F[5 * v, 5 * v + 3] = F[5 * v + 1, 5 * v + 4] = dt
-        return np.linalg.inv(np.diag(np.tile(walk * dt, V) + extra) + F @ np.linalg.inv(J) @ F.T)
+        Q = together * np.tile(walk * dt, V) + np.diag(extra)
+        return np.linalg.inv(Q + F @ np.linalg.inv(J) @ F.T)
 
     def told(H: Floats, variance: float) -> Floats:
         return np.outer(H, H) / variance
@@ -96,10 +103,18 @@ def in_information_form(log: MissionLog, options: dict[str, Any], seconds: int) 
     return np.array(found).transpose(1, 0, 2)
 
 
-def test_the_core_agrees_with_the_information_form() -> None:
-    log = simulate(load("st-john-drift", ["duration_s=60"]), 3)
+@pytest.mark.parametrize(("difference", "offset_difference_m"), [(1.0, None), (0.1, 0.05), (0.5, 0.4)])
+def test_the_core_agrees_with_the_information_form(
+    difference: float, offset_difference_m: float | None
+) -> None:
+    told = [f"navigator.team.current_difference={difference}"]
+    told += [f"navigator.team.offset_difference_m={offset_difference_m}"] if offset_difference_m else []
+    alone = [] if offset_difference_m else ["navigator.team={}"]
+    log = simulate(load("st-john-drift", ["duration_s=60", *alone, *told]), 3)
     options = options_of("mpf", log.scenario).native(0.0)
-    want = in_information_form(log, options, 60)
+    current = 1 - difference**2 / 2 if difference < 1 else 0.0
+    offset = 1 - offset_difference_m**2 / 2 if offset_difference_m else 0.0
+    want = in_information_form(log, options, 60, current, offset)
     got = bound_covariance_m2(log, whole_seconds(log))
     assert got is not None
     assert got.shape == (3, 61, 3)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+import uwcoop
 from uwcoop import acoustics
 from uwcoop.budget import Budget, budget, packet_bytes, packet_fields
 from uwcoop.budget_report import budget_report
@@ -106,3 +107,43 @@ def test_the_report_fits_eighty_columns_and_says_what_is_asked() -> None:
     unlimited = rendered(planned("acoustics.modem=unlimited", navigators=["dmpf-unlimited"]))
     assert "600 × 64" in unlimited
     assert "shortest slots" not in unlimited
+
+
+@pytest.mark.parametrize(("tag_bytes", "size", "signals"), [(0, 32, 4), (4, 34, 5), (8, 38, 5)])
+def test_exchange_packets_show_their_fields_and_the_signals_that_a_tag_adds(
+    tag_bytes: int, size: int, signals: int
+) -> None:
+    found = budget(load("seafloor-survey", [f"{TAGS}={tag_bytes}"]))
+    assert found.costs["dead-reckoning-dvl"] is None
+    for name in ("landmark-paper", "landmark-ekf", "landmark"):
+        cost = found.costs[name]
+        assert cost is not None
+        assert (cost.packet_bytes, cost.frames) == (size, signals)
+        assert sum(field.total_bits for field in cost.fields) == 8 * size
+        assert {"landmark x", "partial correlation"} <= {field.name for field in cost.fields}
+    assert found.positioning is not None
+    assert (found.positioning.reply_bytes, found.positioning.signals) == (4, 2)
+    text = " ".join(rendered(found).split())
+    assert "positioning every 10 s" in text
+    assert ("authentication tag" in text) == (tag_bytes > 0)
+
+
+@pytest.mark.parametrize("size", [8, 16, 40, 64, 128])
+def test_every_size_of_exchange_packet_adds_up(size: int) -> None:
+    tables = load("seafloor-survey", [f"navigator.landmark.packet_bytes={size}"]).resolved()
+    fields = packet_fields("landmark", tables, 2, acoustics.NO_LIMIT_BYTES)
+    assert sum(field.total_bits for field in fields) == 8 * size
+
+
+@pytest.mark.parametrize(("modem", "tag_bytes", "size"), [
+    ("micromodem-32", 0, 32), ("micromodem-32", 4, 24), ("micromodem-32", 8, 28), ("micromodem-64", 4, 34),
+])  # fmt: skip
+def test_an_origin_packet_whose_frame_is_full_gives_its_exact_lag_up_for_a_tag(
+    modem: str, tag_bytes: int, size: int
+) -> None:
+    spoken = ('acoustics.packet="32"', f'acoustics.modem="{modem}"', f"{TAGS}={tag_bytes}")
+    found = budget(load("ship-and-auv", spoken), ["mdeif"]).costs["mdeif"]
+    assert found is not None
+    assert (found.packet_bytes, found.frames) == (size, 1)
+    flown = uwcoop.run("ship-and-auv", ["mdeif"], seed=0, overrides=(*spoken, "duration_s=400"), clouds=False)
+    assert flown.tracks.packet_bytes.values.max() == size

@@ -1,7 +1,8 @@
 """How well a team could possibly know where it is: its Cramér-Rao bound along a mission's true tracks.
 
 Joint over the team and centralised: every sounding and range in one place at the moment it is measured. The model is
-that of `mpf` with the scenario's options, so the bound is what those priors and noises allow.
+that of `mpf` with the scenario's options, and what `team` is told of the water that vehicles share, so the bound is what
+those priors and noises allow.
 """
 
 from __future__ import annotations
@@ -38,6 +39,11 @@ _OPTIONS = (
     "sounding_spacing_m",
     "sigma_range_m",
 )
+
+SHARED_OF = "team"
+"""The one whose options say what the vehicles' currents and tides have in common."""
+
+_SHARED = ("current_difference", "offset_difference_m")
 
 BOUNDS = {
     "bound_m": "root of the trace of the team's Cramér-Rao bound",
@@ -93,7 +99,10 @@ def bound_covariance_m2(
     if log.chart is None or log.truth is None:
         return None
     options = options_of(MODEL_OF, log.scenario).native(log.chart.correlation_length_m)
-    model: dict[str, Any] = {name: options[name] for name in _OPTIONS}
+    shared = options_of(SHARED_OF, log.scenario).model_dump()
+    model: dict[str, Any] = {name: options[name] for name in _OPTIONS} | {
+        name: shared[name] for name in _SHARED
+    }
     truth = log.truth
     position = truth["position_m"].transpose("vehicle", "time", "axis").to_numpy()
     return _native.bound(

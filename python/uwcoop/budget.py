@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ __all__ = [
     "Budget",
     "Cost",
     "Field",
+    "Positioning",
     "SlotPlan",
     "TeamPlan",
     "budget",
@@ -97,6 +99,22 @@ class SlotPlan:
 
 
 @dataclass(frozen=True)
+class Positioning:
+    """What mutual positioning with the landmark puts on the air, beside the packets of exchanges."""
+
+    interval_s: float
+    """Between two of one vehicle."""
+    reply_bytes: int
+    """What the landmark's reply says: its bearing and depth; it takes one signal."""
+    signals: int
+    """Of one positioning: the question and the reply."""
+    air_time_s: float
+    """Of both."""
+    per_min: float
+    """Of the team: everybody but the landmark asks."""
+
+
+@dataclass(frozen=True)
 class Budget:
     """A scenario's schedule and what each navigator's packet makes of it."""
 
@@ -123,6 +141,8 @@ class Budget:
     """Of every packet's authentication, in `costs` already."""
     teams: tuple[TeamPlan, ...] = ()
     slots: tuple[SlotPlan, ...] = ()
+    positioning: Positioning | None = None
+    """None where no vehicle asks a landmark."""
 
 
 def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budget:
@@ -168,6 +188,20 @@ def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budge
         tag_bytes=tag_bytes_of(tables),
         teams=tuple(_team_plan(size, plan, tables, talking, capacity) for size in sizes),
         slots=tuple(_slot_plans(plan, len(order), len(names))),
+        positioning=_positioning(scenario, len(names)),
+    )
+
+
+def _positioning(scenario: Scenario, vehicles: int) -> Positioning | None:
+    if scenario.exchange is None:
+        return None
+    mutual, link = scenario.mutual, acoustics.link_of(scenario.acoustics)
+    return Positioning(
+        interval_s=mutual.interval_s,
+        reply_bytes=mutual.reply_bytes,
+        signals=2,
+        air_time_s=2 * acoustics.air_time_s(link, 1),
+        per_min=60 * (vehicles - 1) / mutual.interval_s,
     )
 
 
@@ -239,7 +273,10 @@ def _packet(
     def ready() -> tuple[_native.Navigator, int]:
         navigator = build(name, context, options, None)
         assert isinstance(navigator, _native.Navigator)
-        launch_ns = _under_way(navigator, _sensors(tables), tables["acoustics"]["slot_s"] * vehicles)
+        if tables.get("exchange"):
+            launch_ns = _landed_beside_the_landmark(navigator)
+        else:
+            launch_ns = _under_way(navigator, _sensors(tables), tables["acoustics"]["slot_s"] * vehicles)
         if tag_bytes:
             # The key does not change the length; the team's own stays where it is.
             navigator = navigator.sealed(0, vehicles, _native.Authenticator(bytes(16), tag_bytes, 0))
@@ -295,6 +332,38 @@ def _under_way(navigator: _native.Navigator, sensors: Mapping[str, Any], cycle_s
         if second == seconds:
             navigator.transmit(at, acoustics.NO_LIMIT_BYTES)
     return 1_000_000_000 * 2 * seconds
+
+
+def _landed_beside_the_landmark(navigator: _native.Navigator) -> int:
+    """A minute of a mover of the alternating landmark that lands and is positioned, so that its next packet hands over
+    the role; its launch time."""
+    start = {"e_m": 0.0, "n_m": -10.0, "cov_ee_m2": 1.0, "cov_en_m2": 0.0, "cov_nn_m2": 1.0}
+    at_once: dict[str, dict[str, Any]] = {
+        "fix": start,
+        "heading": {"yaw_rad": 0.1, "sigma_rad": 0.09},
+        "depth": {"depth_m": 2.0, "sigma_m": 0.1},
+    }
+    for kind, values in at_once.items():
+        navigator.handle(_native.Event(0, 0, kind, **values))
+    for second in range(1, 61):
+        at = 1_000_000_000 * second
+        forward_mps = 0.1 if second < 30 else 0.0
+        navigator.handle(_native.Event(at, 0, "turn_rate", yaw_rate_radps=0.0, sigma_radps=0.0013))
+        moved = {"forward_mps": forward_mps, "left_mps": 0.0, "sigma_mps": 0.01}
+        navigator.handle(_native.Event(at, 0, "ground_velocity", **moved))
+        if second == 30:
+            navigator.handle(_native.Event(at, 0, "landed"))
+        if second % 10 == 0:
+            # A mover at (0, -10) that goes 0.1 m/s along 0.1 rad, and the landmark at the origin.
+            east, north = 0.1 * min(second, 30), 0.01 * min(second, 30) - 10
+            positioned = {
+                "range_m": math.hypot(east, north),
+                "own_bearing_rad": math.atan2(-north, -east) - 0.1,
+                "peer_bearing_rad": math.atan2(north, east),
+            }
+            asked_ns = at - 500_000_000
+            navigator.handle(_native.Event(at, 0, "acoustic_fix", peer=1, transmit_ns=asked_ns, **positioned))
+    return 60_000_000_000
 
 
 def _meaning(scale: tuple[str, float, float, str, float, str] | None) -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rich.box import SIMPLE_HEAD
-from rich.console import Group
+from rich.console import Group, RenderableType
 from rich.table import Table
 
 from uwcoop.tables import budget_table
 
 if TYPE_CHECKING:
-    from uwcoop.budget import Budget, Field
+    from uwcoop.budget import Budget, Field, Positioning
 
 __all__ = ["budget_report"]
 
@@ -22,13 +22,23 @@ def budget_report(budget: Budget) -> Group:
     for name, cost in budget.costs.items():
         if cost is not None and cost.fields:
             layouts.setdefault(cost.fields, []).append(name)
-    parts = [budget_table(budget)]
+    parts: list[RenderableType] = [budget_table(budget)]
+    if budget.positioning is not None:
+        parts.append(_positioning(budget.positioning))
     parts += [_fields_table(names, fields, budget) for fields, names in layouts.items()]
     if any(budget.costs.values()):
         parts.append(_teams_table(budget))
         if budget.slots:
             parts.append(_slots_table(budget))
     return Group(*parts)
+
+
+def _positioning(plan: Positioning) -> str:
+    return (
+        f"Mutual positioning every {plan.interval_s:g} s: a question of one signal and a reply of one signal with "
+        f"{plan.reply_bytes} bytes (the landmark's bearing and depth), {plan.air_time_s:.2f} s on the air; "
+        f"{plan.per_min:.3g} per minute in the team, {plan.per_min * plan.reply_bytes:.3g} bytes of replies."
+    )
 
 
 def _fields_table(names: list[str], fields: tuple[Field, ...], budget: Budget) -> Table:

@@ -1,7 +1,8 @@
 //! How well a team could possibly know where it is: the posterior Cramér–Rao bound along known tracks.
 //!
 //! One Gaussian over the states of all vehicles, [e, n, b, c_e, c_n(, heading bias, thrust bias)] each, with all
-//! cross-covariances, as if every sensor of the team were wired to one computer. The process is linear and the noises are
+//! cross-covariances, as if every sensor of the team were wired to one computer. Where vehicles share their water, b and c
+//! are each a common part, [B, C_e, C_n] behind the last vehicle, and a vehicle's own. The process is linear and the noises are
 //! Gaussian, so with Jacobians taken at the truth the recursion of Tichavský, Muravchik & Nehorai (1998) is the Riccati
 //! equation of a Kalman filter; it is kept here in covariance form, one scalar measurement after another.
 //!
@@ -46,6 +47,10 @@ pub struct BoundModel {
     pub sounding_spacing_m: f64,
     /// Standard deviation of a range, m.
     pub sigma_range_m: f64,
+    /// Two vehicles' currents differ by this share of the drift's prior and walk; 1: they have nothing in common.
+    pub current_difference: f64,
+    /// Standard deviation of the difference of two vehicles' datum offsets, m; infinite: they have nothing in common.
+    pub offset_difference_m: f64,
     /// Whether soundings tell anything.
     pub terrain: bool,
     /// Whether ranges tell anything.
@@ -193,6 +198,14 @@ impl BoundModel {
         non_negative("sigma_offset_m_per_sounding", self.sigma_offset_m_per_sounding)?;
         non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
         positive("sigma_range_m", self.sigma_range_m)?;
+        if self.current_difference > 1.0 {
+            let value = self.current_difference;
+            return Err(Error::OutOfBound { quantity: "current_difference", value, bound: "0 to 1" });
+        }
+        non_negative("current_difference", self.current_difference)?;
+        if self.offset_difference_m != f64::INFINITY {
+            non_negative("offset_difference_m", self.offset_difference_m)?;
+        }
         if let Some(sigma) = self.sigma_depth_m {
             positive("sigma_depth_m", sigma)?;
         }

@@ -25,6 +25,8 @@ fn model() -> BoundModel {
         sigma_map_m: None,
         sounding_spacing_m: 0.0,
         sigma_range_m: 1.0,
+        current_difference: 1.0,
+        offset_difference_m: f64::INFINITY,
         terrain: true,
         ranges: true,
         linearised: false,
@@ -75,13 +77,15 @@ fn seconds() -> Vec<i64> {
     (0..=END_S).map(|t| t * SECOND).collect()
 }
 
-/// P ← F P Fᵀ + Q and P ← (I − K H) P with matrices as in a textbook; times in quarter seconds.
+/// P ← F P Fᵀ + Q and P ← (I − K H) P with matrices as in a textbook; times in quarter seconds. Currents, and their
+/// walks, of two vehicles correlate by `current`.
 struct Textbook {
     p: DMatrix<f64>,
+    current: f64,
 }
 
 impl Textbook {
-    fn new() -> Self {
+    fn new(current: f64, offset: f64) -> Self {
         let d = drift();
         let prior = [
             25.0,
@@ -92,7 +96,20 @@ impl Textbook {
             d.sigma_heading_bias0_rad.powi(2),
             d.sigma_thrust_bias0_mps.powi(2),
         ];
-        Self { p: DMatrix::from_diagonal(&DVector::from_fn(VEHICLES * S, |k, _| prior[k % S])) }
+        let p = DMatrix::from_fn(VEHICLES * S, VEHICLES * S, |r, c| {
+            let share = if r == c { 1.0 } else { Self::share(r, c, current, offset) };
+            prior[r % S] * share
+        });
+        Self { p, current }
+    }
+
+    /// Correlation of two states of different vehicles.
+    fn share(r: usize, c: usize, current: f64, offset: f64) -> f64 {
+        match (r % S, c % S) {
+            (2, 2) => offset,
+            (3, 3) | (4, 4) => current,
+            _ => 0.0,
+        }
     }
 
     /// What displaces a vehicle at this velocity: current, a compass that errs clockwise, a thruster that errs ahead.
@@ -136,6 +153,16 @@ impl Textbook {
                 }
             }
         }
+        // Currents that walk together take vehicles along together.
+        for (v, w) in (0..VEHICLES).flat_map(|v| (0..VEHICLES).map(move |w| (v, w))).filter(|(v, w)| v != w) {
+            for axis in 0..2 {
+                let (a, b, walk) = (v * S + axis, w * S + axis, self.current * walks[3].powi(2) * dt);
+                q[(a + 3, b + 3)] = walk;
+                q[(a, b + 3)] = dt * walk / 2.0;
+                q[(a + 3, b)] = dt * walk / 2.0;
+                q[(a, b)] = dt * dt * walk / 3.0;
+            }
+        }
         self.p = &f * &self.p * f.transpose() + q;
     }
 
@@ -155,8 +182,18 @@ impl Textbook {
 
 #[test]
 fn on_a_plane_the_bound_is_the_covariance_of_a_kalman_filter() {
-    let found = bound(&model(), Some(&plane()), &truth(), observations(), &seconds()).unwrap();
-    let mut book = Textbook::new();
+    kalman_filter(&model(), Textbook::new(0.0, 0.0));
+}
+
+#[test]
+fn so_it_is_where_vehicles_share_their_water() {
+    // Currents that differ by 0.2 of what one may be, tides of 1 m by 0.1 m.
+    let shared = BoundModel { current_difference: 0.2, offset_difference_m: 0.1, ..model() };
+    kalman_filter(&shared, Textbook::new(1.0 - 0.2 * 0.2 / 2.0, 1.0 - 0.1 * 0.1 / 2.0));
+}
+
+fn kalman_filter(model: &BoundModel, mut book: Textbook) {
+    let found = bound(model, Some(&plane()), &truth(), observations(), &seconds()).unwrap();
     for t in 0..=END_S {
         if t == 90 {
             let mut h = DMatrix::zeros(2, VEHICLES * S);

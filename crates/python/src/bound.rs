@@ -44,6 +44,8 @@ impl Model<'_, '_> {
             sigma_map_m: self.value("sigma_map_m")?,
             sounding_spacing_m: self.value("sounding_spacing_m")?,
             sigma_range_m: self.value("sigma_range_m")?,
+            current_difference: self.value("current_difference")?,
+            offset_difference_m: self.value::<Option<f64>>("offset_difference_m")?.unwrap_or(f64::INFINITY),
             terrain: self.value("terrain")?,
             ranges: self.value("ranges")?,
             linearised: self.value("linearised")?,

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uwcoop.charts.slopes import node_sigma
 from uwcoop.errors import ChartError
 from uwcoop.missionlog.model import Origin
 
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _MAGIC = b"uwcoop-chart-1\x00"
+
+
+_BY_SLOPE = ("horizontal_error_m", "level_sigma_m")
+"""Attributes that say how the error grows with the slope."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +44,9 @@ class Chart:
         sigma_map_m: standard deviation of the chart's own error, metres: one number or float32 (rows, cols);
             0 for a perfect chart.
         correlation_length_m: distance over which that error keeps its value, metres; 0 for a perfect chart.
+        horizontal_error_m: how far off the chart is sideways, metres: its error is then level_sigma_m² + (slope ·
+            horizontal_error_m)², of which sigma_map_m² is the middle; 0: sigma_map_m says all.
+        level_sigma_m: standard deviation of its error where the seabed is level, metres.
         origin: where on Earth the local frame's zero lies, as far as it is known.
         name: for titles and tables.
         notes: what was assumed while the chart was read or made, one sentence each, to be printed.
@@ -56,11 +64,13 @@ class Chart:
     origin: Origin = field(default_factory=Origin)
     name: str = "chart"
     notes: tuple[str, ...] = ()
+    horizontal_error_m: float = 0.0
+    level_sigma_m: float = 0.0
 
     def __post_init__(self) -> None:
         set_field = object.__setattr__
         set_field(self, "depth_m", _frozen_grid(self.depth_m))
-        for name in ("east0_m", "north0_m", "cell_m", "correlation_length_m"):
+        for name in ("east0_m", "north0_m", "cell_m", "correlation_length_m", *_BY_SLOPE):
             set_field(self, name, float(getattr(self, name)))
         if np.ndim(self.sigma_map_m) == 0:
             set_field(self, "sigma_map_m", float(self.sigma_map_m))
@@ -82,10 +92,10 @@ class Chart:
         for name in ("east0_m", "north0_m"):
             if not np.isfinite(getattr(self, name)):
                 raise ChartError(f"chart {name} {getattr(self, name)} must be finite")
-        if not (np.isfinite(self.correlation_length_m) and self.correlation_length_m >= 0):
-            raise ChartError(
-                f"chart correlation_length_m {self.correlation_length_m} must be finite and at least 0 m"
-            )
+        for name in ("correlation_length_m", *_BY_SLOPE):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ChartError(f"chart {name} {value} must be finite and at least 0 m")
         sigma = np.asarray(self.sigma_map_m)
         if sigma.ndim and sigma.shape != shape:
             raise ChartError(f"chart sigma_map_m of shape {sigma.shape} does not match the depths' {shape}")
@@ -136,8 +146,8 @@ class Chart:
 
         Hashed are, little-endian: a magic string; rows and columns (u32); east0, north0, cell and correlation
         length (f64); sigma (one f64, or float32 per node, after a byte telling which); depths (float32, row
-        by row from the south). Holes and zeros each have one bit pattern. Name, notes and origin are left
-        out.
+        by row from the south); horizontal error and level sigma, if the chart states them (f64). Holes and zeros
+        each have one bit pattern. Name, notes and origin are left out.
         """
         digest = hashlib.sha256(_MAGIC)
         numbers = (self.east0_m, self.north0_m, self.cell_m, self.correlation_length_m)
@@ -147,6 +157,8 @@ class Chart:
         else:
             digest.update(b"\x01" + _canonical_bytes(self.sigma_map_m))
         digest.update(_canonical_bytes(self.depth_m))
+        if self.horizontal_error_m > 0:
+            digest.update(struct.pack("<dd", self.horizontal_error_m, self.level_sigma_m + 0.0))
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -177,10 +189,10 @@ class Chart:
 
     def sigma_at(self, points: ArrayLike) -> NDArray[np.float64]:
         """Standard deviation of the chart's error at `points` (N, 2): (N,) metres; NaN off the chart."""
-        if isinstance(self.sigma_map_m, float):
+        if isinstance(self.sigma_map_m, float) and self.horizontal_error_m <= 0:
             depth = self.depth_at(points)
             return np.where(np.isfinite(depth), self.sigma_map_m, np.nan)
-        return bilinear_depth(self.sigma_map_m, self.east0_m, self.north0_m, self.cell_m, points)
+        return bilinear_depth(node_sigma(self), self.east0_m, self.north0_m, self.cell_m, points)
 
     def to_bytes(self) -> bytes:
         """Everything in the chart, lossless and compressed; `from_bytes` gives back an equal chart.
@@ -200,6 +212,8 @@ class Chart:
             "name": self.name,
             "notes": list(self.notes),
         }
+        if self.horizontal_error_m > 0:
+            header |= {name: getattr(self, name) for name in _BY_SLOPE}
         members = {"chart.json": json.dumps(header).encode(), "depth": _pack(self.depth_m)}
         if not isinstance(self.sigma_map_m, float):
             members["sigma"] = _pack(self.sigma_map_m)
@@ -235,6 +249,7 @@ class Chart:
                     origin=Origin(*header["origin"]),
                     name=header["name"],
                     notes=tuple(header["notes"]),
+                    **{name: header[name] for name in _BY_SLOPE if name in header},
                 )
         except ChartError:
             raise

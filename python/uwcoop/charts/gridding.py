@@ -18,6 +18,7 @@ from uwcoop.charts.alignment import Alignment, align_segments, segments_of
 from uwcoop.charts.chart import Chart
 from uwcoop.charts.raster import CORRELATION_LENGTH_M, MAX_NODES, Quality, check_cell
 from uwcoop.charts.residuals import ResidualReport, leave_one_out, report
+from uwcoop.charts.slopes import slope_at
 from uwcoop.charts.surface import distance, hull, linear, medians
 from uwcoop.errors import ChartError, MissingDependencyError
 from uwcoop.missionlog.model import Origin
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 MAX_GAP_M = 10.0
 """Default distance to the nearest sounding beyond which a node is a hole; at least two cells."""
-_SLOPE_REACH_M = 5.0
-"""Slopes are taken between places this far to each side: closer ones see the soundings' noise."""
 _LEAST_PATCH_NODES = 8
 _LEAST_PATCH_SHARE = 1 / 200
 
@@ -162,14 +161,17 @@ def grid_and_judge(
         said.append(alignment.note)
     grid, axes = _grid(points, cell_m, max_gap_m, said)
     measured = quality.correlation_length_m is None and soundings.surveys > 1
-    residuals = None
+    residuals, slope = None, np.zeros(0)
     if report_residuals or quality.sigma_map_m is None or measured:
         found = leave_one_out(points, soundings.survey, cell_m=cell_m, max_gap_m=max_gap_m)
         rough = Chart(grid.astype(np.float32), float(axes[0][0]), float(axes[1][0]), cell_m)
-        residuals = report(found, _slope_at(rough, found.east_m, found.north_m))
+        slope = slope_at(rough, found.east_m, found.north_m)
+        residuals = report(found, slope)
     if align and residuals is not None:
         residuals = residuals.of_aligned()
     sigma, length = _quality(residuals, quality, said)
+    asked = quality.by_slope and quality.sigma_map_m is None
+    level, horizontal = _by_slope(residuals, slope, said) if asked else (0.0, 0.0)
     rows, cols = (slice(int(k.min()), int(k.max()) + 1) for k in np.nonzero(np.isfinite(grid)))
     if rows.stop - rows.start < 2 or cols.stop - cols.start < 2:
         rows, cols = slice(None), slice(None)
@@ -183,6 +185,8 @@ def grid_and_judge(
         origin=soundings.origin,
         name=soundings.name,
         notes=tuple(said),
+        horizontal_error_m=horizontal,
+        level_sigma_m=level,
     )
     return Gridded(chart, residuals, alignment)
 
@@ -230,18 +234,22 @@ def _quality(residuals: ResidualReport | None, asked: Quality, said: list[str]) 
     return sigma, length
 
 
-def _slope_at(chart: Chart, east: Values, north: Values) -> Values:
-    """Steepness at places, over a few metres; NaN beside holes."""
-    reach = max(_SLOPE_REACH_M, chart.cell_m)
-    ahead, behind = (
-        [
-            chart.depth_at(np.column_stack([east + s * reach * a, north + s * reach * b]))
-            for a, b in ((1, 0), (0, 1))
-        ]
-        for s in (1, -1)
+def _by_slope(residuals: ResidualReport | None, slope: Values, said: list[str]) -> tuple[float, float]:
+    """Level sigma and horizontal error of the chart, m; zeros where its error does not grow with the slope.
+
+    The fit is of robust spreads of residuals less their survey's datum; both numbers are scaled so that over the
+    residuals the mean variance is that of `sigma_map_m`.
+    """
+    known = slope[np.isfinite(slope)]
+    if residuals is None or not residuals.horizontal_error_m or not known.size:
+        return 0.0, 0.0
+    level, horizontal = residuals.flat_sd_m or 0.0, residuals.horizontal_error_m
+    scale = residuals.sigma_map_m / np.sqrt(np.mean(level**2 + (known * horizontal) ** 2))
+    level, horizontal = (float(f"{scale * x:.2g}") for x in (level, horizontal))
+    said.append(
+        f"chart error by slope: {level:g} m where level, growing as a horizontal error of {horizontal:g} m"
     )
-    rise = [(a - b) / (2 * reach) for a, b in zip(ahead, behind, strict=True)]
-    return np.asarray(np.hypot(*rise))
+    return level, horizontal
 
 
 def _check(soundings: Soundings, cell_m: float | None, max_gap_m: float | None) -> None:

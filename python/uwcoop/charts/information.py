@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uwcoop.charts.slopes import node_sigma
 from uwcoop.charts.windows import square_sums
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ def fisher_information(chart: Chart, sounding: Sounding | None = None) -> Grid:
     sounding = sounding or Sounding()
     north, east = _gradient(chart)
     known = np.isfinite(east)
-    sigma = np.asarray(chart.sigma_map_m, dtype=np.float64)
+    sigma = node_sigma(chart)
     n_c = max(1.0, 2 * chart.correlation_length_m / sounding.spacing_m)
     weight = np.where(known, 1 / (sounding.sigma_m**2 + sigma**2), 0.0)
     east, north = np.where(known, east, 0.0), np.where(known, north, 0.0)

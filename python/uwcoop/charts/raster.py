@@ -37,6 +37,8 @@ class Quality:
 
     sigma_map_m: float | None = None
     correlation_length_m: float | None = None
+    by_slope: bool = False
+    """Let the error of a chart of soundings grow with its slope, as their residuals do."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,6 +40,7 @@ def load_chart(
     correlation_length_m: float | None = None,
     max_gap_m: float | None = None,
     align: bool = False,
+    error_by_slope: bool = False,
     origin: Origin | tuple[float, float] | None = None,
 ) -> Chart:
     """Read a chart: GeoTIFF, NetCDF (CF, GMT, GEBCO), ESRI ASCII grid, BAG, or soundings as CSV or XYZ text
@@ -63,6 +65,8 @@ def load_chart(
             soundings from residuals between surveys, or 10 m.
         max_gap_m: of soundings: nodes farther than this from all of them are holes; None: 10 m or two cells.
         align: of soundings: shift segments of 900 s until crossing soundings agree.
+        error_by_slope: of soundings: the chart's error grows with its slope, as their residuals do, in place of one sigma
+            everywhere. For surveys whose positions err more than their depths.
         origin: latitude and longitude of the local zero, degrees; None: the chart's middle.
 
     Raises:
@@ -75,10 +79,12 @@ def load_chart(
         return load_sounded(
             file, crs=crs, positive=positive, depth_unit=depth_unit, columns=columns, cell_m=cell_m,
             sigma_map_m=sigma_map_m, correlation_length_m=correlation_length_m, max_gap_m=max_gap_m,
-            align=align, origin=origin, report_residuals=False,
+            align=align, error_by_slope=error_by_slope, origin=origin, report_residuals=False,
         ).chart  # fmt: skip
-    if columns is not None or max_gap_m is not None or align:
-        raise ChartError(f"{file.name} is a grid: columns, max_gap_m and align are for soundings")
+    if columns is not None or max_gap_m is not None or align or error_by_slope:
+        raise ChartError(
+            f"{file.name} is a grid: columns, max_gap_m, align and error_by_slope are for soundings"
+        )
     quality = _asked(sigma_map_m, correlation_length_m)
     raster = grid_reader(file, crs=crs, positive=positive, depth_unit=depth_unit)
     return chart_from_raster(raster, name=file.stem, cell_m=cell_m, origin=_place(origin), quality=quality)
@@ -96,6 +102,7 @@ def load_sounded(
     correlation_length_m: float | None = None,
     max_gap_m: float | None = None,
     align: bool = False,
+    error_by_slope: bool = False,
     origin: Origin | tuple[float, float] | None = None,
     report_residuals: bool = True,
 ) -> Gridded:
@@ -104,7 +111,7 @@ def load_sounded(
     Args:
         report_residuals: find them even where the chart's quality is given.
         path, crs, positive, depth_unit, columns, cell_m, sigma_map_m, correlation_length_m, max_gap_m, align,
-            origin: see `load_chart`.
+            error_by_slope, origin: see `load_chart`.
 
     Raises:
         ChartError: the file is a grid, or see `load_chart`.
@@ -113,7 +120,7 @@ def load_sounded(
     file = _file(path)
     if _grid_reader(file) is not None:
         raise ChartError(f"{file.name} is a grid: residuals come from soundings")
-    quality = _asked(sigma_map_m, correlation_length_m)
+    quality = replace(_asked(sigma_map_m, correlation_length_m), by_slope=error_by_slope)
     soundings = load_soundings(
         file, crs=crs, positive=positive, depth_unit=depth_unit, columns=columns, origin=_place(origin)
     )

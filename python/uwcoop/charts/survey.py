@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.charts.gridding import Gridded, Soundings, grid_and_judge
+from uwcoop.charts.raster import Quality
 from uwcoop.errors import ChartError
 from uwcoop.streams import Purpose, stream
 
@@ -48,6 +49,7 @@ class SurveyPlan:
     cell_m: float | None
     max_gap_m: float | None
     align: bool
+    error_by_slope: bool = False
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,13 @@ def surveyed_chart(seabed: Chart, plan: SurveyPlan, seed: int, *more: int) -> Gr
         ChartError: too few soundings to make a chart of.
     """
     surveyed = sail(seabed, plan, seed, *more)
-    return grid_and_judge(surveyed.soundings, cell_m=plan.cell_m, max_gap_m=plan.max_gap_m, align=plan.align)
+    return grid_and_judge(
+        surveyed.soundings,
+        cell_m=plan.cell_m,
+        max_gap_m=plan.max_gap_m,
+        align=plan.align,
+        quality=Quality(by_slope=plan.error_by_slope),
+    )
 
 
 @dataclass(frozen=True)

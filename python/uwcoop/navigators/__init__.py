@@ -300,6 +300,10 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
     if tags and "tag_bytes" in model.model_fields:
         own.setdefault("tag_bytes", tags)
+    full = tags and "exact_lags" in model.model_fields and own.get("packet_form") == "32"
+    # The exact lag fills its frame: where the slot has no more, it makes way for the tag.
+    if full and not _slot_holds(scenario or {}, 32 - CHECKSUM_BYTES + tags):
+        own.setdefault("exact_lags", 0)
     for option, value in fixed.items():
         if own.get(option, value) != value:
             raise NavigatorError(
@@ -309,6 +313,23 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
         return model(**(own | dict(fixed)))
     except ValidationError as invalid:
         raise NavigatorError(_one_line(name, model, invalid)) from None
+
+
+CHECKSUM_BYTES = 2
+"""What a tag replaces."""
+
+
+def _slot_holds(scenario: Mapping[str, Any], packet_bytes: int) -> bool:
+    from uwcoop import acoustics
+    from uwcoop.errors import ScheduleError
+    from uwcoop.scenario.acoustics import Acoustics
+
+    plan = Acoustics.model_validate(scenario["acoustics"])
+    try:
+        acoustics.check_packet(plan, packet_bytes)
+    except ScheduleError:
+        return False
+    return True
 
 
 def build(
@@ -324,7 +345,9 @@ def native_chart(chart: Chart) -> _native.Chart:
     """The chart in the core's form; share it between vehicles and navigators."""
     import numpy as np
 
-    sigma = chart.sigma_map_m
+    from uwcoop.charts.slopes import node_sigma
+
+    sigma = chart.sigma_map_m if chart.horizontal_error_m <= 0 else node_sigma(chart).astype(np.float32)
     per_node = isinstance(sigma, np.ndarray)
     finite = np.asarray(sigma)[np.isfinite(sigma)]
     return _native.Chart(

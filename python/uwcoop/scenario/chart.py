@@ -60,6 +60,8 @@ class Survey(_Drawn):
     """Holes of the chart are farther than this from every sounding; default 10 m, or two cells."""
     align: bool = False
     """Shift segments of 900 s until crossing soundings agree, before gridding."""
+    error_by_slope: bool = False
+    """The chart's stated error grows with its slope, as the residuals do; else it is one sigma everywhere."""
 
     def plan(self) -> SurveyPlan:
         """The plan without its seeds."""
@@ -95,6 +97,7 @@ class ChartSpec(Table):
     sigma_map_m: NonNegative | None = None
     correlation_length_m: NonNegative | None = None
     align: bool | None = None
+    error_by_slope: bool | None = None
     survey: Survey | None = None
     seabed: Seabed | None = None
 

@@ -26,7 +26,34 @@ pub(super) struct Recursion<'a, const K: usize> {
     velocity_mps: Vec<[f64; 2]>,
     started: Vec<bool>,
     sounded_at_m: Vec<Option<f64>>,
+    common: Common,
 }
+
+/// What the vehicles' datum offsets and currents have in common, as states [B, C_e, C_n] of their own: variance of the
+/// whole is shared out so that two vehicles differ by what the model says.
+struct Common {
+    /// Share of a current's variance that is common, and that is a vehicle's own.
+    current: [f64; 2],
+    /// Variance of the datum offset that is common, and that is a vehicle's own, m².
+    offset_m2: [f64; 2],
+    started: bool,
+}
+
+impl Common {
+    fn new(model: &BoundModel) -> Self {
+        let half = model.current_difference * model.current_difference / 2.0;
+        let prior_m2 = model.sigma_offset0_m * model.sigma_offset0_m;
+        let own_m2 = (model.offset_difference_m * model.offset_difference_m / 2.0).min(prior_m2);
+        Self {
+            current: if model.current_difference < 1.0 { [1.0 - half, half] } else { [0.0, 1.0] },
+            offset_m2: [prior_m2 - own_m2, own_m2],
+            started: false,
+        }
+    }
+}
+
+/// Common states: the datum offset, then the current.
+const COMMON: usize = 3;
 
 /// One scalar measurement: (state, ∂measurement/∂state) where that is not zero.
 type Jacobian = Vec<(usize, f64)>;
@@ -37,16 +64,23 @@ impl<'a, const K: usize> Recursion<'a, K> {
 
     pub(super) fn new(model: &'a BoundModel, chart: Option<&'a Chart>, truth: &'a TrueTracks) -> Self {
         let vehicles = truth.vehicles();
+        let size = vehicles * Self::STATES + COMMON;
         Self {
             model,
             chart,
             truth,
-            covariance: DMatrix::zeros(vehicles * Self::STATES, vehicles * Self::STATES),
+            covariance: DMatrix::zeros(size, size),
             now_ns: None,
             velocity_mps: vec![[0.0; 2]; vehicles],
             started: vec![false; vehicles],
             sounded_at_m: vec![None; vehicles],
+            common: Common::new(model),
         }
+    }
+
+    /// Place of the common datum offset; the common current follows.
+    fn common_place(&self) -> usize {
+        self.started.len() * Self::STATES
     }
 
     /// P ← F P Fᵀ + Q up to `t_ns`.
@@ -80,8 +114,44 @@ impl<'a, const K: usize> Recursion<'a, K> {
             self.covariance[(first, first)] += position_walk[0];
             self.covariance[(first + 1, first + 1)] += position_walk[2];
             for k in 0..K {
-                self.covariance[(linear + k, linear + k)] += walk[(k, k)];
-                self.spread_walk(first, linear + k, [map[0][k], map[1][k]], walk[(k, k)]);
+                let walk = walk[(k, k)] * if k < 2 { self.common.current[1] } else { 1.0 };
+                self.covariance[(linear + k, linear + k)] += walk;
+                self.spread_walk(first, linear + k, [map[0][k], map[1][k]], walk);
+            }
+        }
+        self.advance_common(dt_s, [walk[(0, 0)], walk[(1, 1)]]);
+    }
+
+    /// The current that all have takes all that have started along; its walk within the step as in `spread_walk`.
+    fn advance_common(&mut self, dt_s: f64, walk: [f64; 2]) {
+        if self.common.current[0] <= 0.0 {
+            return;
+        }
+        let places: Vec<usize> =
+            (0..self.started.len()).filter(|v| self.started[*v]).map(|v| v * Self::STATES).collect();
+        for axis in 0..2 {
+            let current = self.common_place() + 1 + axis;
+            let row = self.covariance.row(current) * dt_s;
+            for first in &places {
+                let mut target = self.covariance.row_mut(first + axis);
+                target += &row;
+            }
+            let column = self.covariance.column(current) * dt_s;
+            for first in &places {
+                let mut target = self.covariance.column_mut(first + axis);
+                target += &column;
+            }
+            if !self.common.started {
+                continue;
+            }
+            let walk = walk[axis] * self.common.current[0];
+            self.covariance[(current, current)] += walk;
+            for a in &places {
+                self.covariance[(a + axis, current)] += dt_s * walk / 2.0;
+                self.covariance[(current, a + axis)] += dt_s * walk / 2.0;
+                for b in &places {
+                    self.covariance[(a + axis, b + axis)] += dt_s * dt_s * walk / 3.0;
+                }
             }
         }
     }
@@ -117,17 +187,25 @@ impl<'a, const K: usize> Recursion<'a, K> {
     fn fix(&mut self, vehicle: usize, [ee, en, nn]: [f64; 3]) {
         let first = vehicle * Self::STATES;
         if !self.started[vehicle] {
-            // The prior is diagonal but for the fix; nothing is shared with teammates yet.
+            // The prior is diagonal but for the fix; what is shared with teammates has states of its own.
             self.started[vehicle] = true;
             self.covariance[(first, first)] = ee;
             self.covariance[(first, first + 1)] = en;
             self.covariance[(first + 1, first)] = en;
             self.covariance[(first + 1, first + 1)] = nn;
-            self.covariance[(first + OFFSET, first + OFFSET)] = self.model.sigma_offset0_m.powi(2);
             let prior = self.model.drift.prior::<K>();
+            self.covariance[(first + OFFSET, first + OFFSET)] = self.common.offset_m2[1];
             for k in 0..K {
                 let at = first + BEFORE_LINEAR + k;
-                self.covariance[(at, at)] = prior[(k, k)];
+                self.covariance[(at, at)] = prior[(k, k)] * if k < 2 { self.common.current[1] } else { 1.0 };
+            }
+            if !self.common.started {
+                self.common.started = true;
+                let at = self.common_place();
+                self.covariance[(at, at)] = self.common.offset_m2[0];
+                for k in 0..2 {
+                    self.covariance[(at + 1 + k, at + 1 + k)] = prior[(k, k)] * self.common.current[0];
+                }
             }
             return;
         }
@@ -161,7 +239,8 @@ impl<'a, const K: usize> Recursion<'a, K> {
         let noise_m2 = shared * (sigma_m.powi(2) + sigma_map_m.powi(2)) + beside_plane_m2;
         let first = vehicle * Self::STATES;
         self.covariance[(first + OFFSET, first + OFFSET)] += self.model.sigma_offset_m_per_sounding.powi(2);
-        self.measure(&vec![(first, gradient[0]), (first + 1, gradient[1]), (first + OFFSET, 1.0)], noise_m2);
+        let offsets = [(first + OFFSET, 1.0), (self.common_place(), 1.0)];
+        self.measure(&vec![(first, gradient[0]), (first + 1, gradient[1]), offsets[0], offsets[1]], noise_m2);
     }
 
     /// A range between the sender at launch and the receiver at arrival. The sender's own way in between is known but for
@@ -182,7 +261,11 @@ impl<'a, const K: usize> Recursion<'a, K> {
         let map = displacement_map::<K>(self.velocity_mps[sender], travel_s);
         let mut jacobian: Jacobian = vec![(r, unit[0]), (r + 1, unit[1]), (s, -unit[0]), (s + 1, -unit[1])];
         for (k, (east, north)) in map[0].iter().zip(&map[1]).enumerate() {
-            jacobian.push((s + BEFORE_LINEAR + k, unit[0] * east + unit[1] * north));
+            let seen = unit[0] * east + unit[1] * north;
+            jacobian.push((s + BEFORE_LINEAR + k, seen));
+            if k < 2 {
+                jacobian.push((self.common_place() + 1 + k, seen));
+            }
         }
         let mut noise_m2 = self.model.sigma_range_m.powi(2);
         if self.model.linearised {

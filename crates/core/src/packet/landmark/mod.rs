@@ -182,6 +182,7 @@ impl ExchangePacket {
             (ExchangeFormat::Two, ExchangeSize::B8) => {
                 let mut bytes = writer.finish();
                 bytes.push(layout::check_8(&bytes, sender, tol_ns));
+                super::layout::note("check over sender and launch time", 8);
                 Ok(bytes)
             }
             (ExchangeFormat::Two, _) => {
