@@ -135,7 +135,9 @@ def bytes_(arguments: argparse.Namespace) -> None:
             ))  # fmt: skip
     show(table)
     print("\nAgainst float64 packets of the same fields, same seeds\n")
-    table = [("scenario", "packet", "difference (cm, rms)", "RMSE (cm)", "variance, mean", "least", "largest")]
+    table = [
+        ("scenario", "packet", "difference (cm, rms)", "RMSE (cm)", "variance, mean", "least", "largest")
+    ]
     for name, forms in (("ship-and-auv", ("256", "64", "32")), ("four-vehicle-team", ("256", "64"))):
         for form in forms:
             off, error, mean, low, high = rounding_cost(name, form, range(arguments.runs))

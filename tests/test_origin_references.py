@@ -253,13 +253,17 @@ def test_packets_of_beliefs_fit_small_frames_when_asked() -> None:
     assert error[-1] < 5.0
 
 
-@pytest.mark.parametrize(("form", "most_m", "share"), [("32", 0.02, 0.03), ("64", 0.01, 0.01), ("256", 0.01, 0.01)])
+@pytest.mark.parametrize(
+    ("form", "most_m", "share"), [("32", 0.02, 0.03), ("64", 0.01, 0.01), ("256", 0.01, 0.01)]
+)
 @pytest.mark.parametrize("runs", [1, pytest.param(20, marks=pytest.mark.long)])
 def test_what_rounding_costs(
     study_module: Callable[[str], ModuleType], form: str, most_m: float, share: float, runs: int
 ) -> None:
     """Against float64 packets of the same fields: little, and never surer than they are."""
-    off_m, error_m, mean, least, _ = study_module("origin_state").rounding_cost("ship-and-auv", form, range(runs))
+    off_m, error_m, mean, least, _ = study_module("origin_state").rounding_cost(
+        "ship-and-auv", form, range(runs)
+    )
     assert off_m <= most_m
     assert error_m <= most_m
     assert mean <= 1 + share
