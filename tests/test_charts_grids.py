@@ -374,7 +374,9 @@ def test_netcdf_that_is_no_chart(tmp_path: Path) -> None:
 
 
 def test_options_of_soundings_are_refused_for_grids(tmp_path: Path) -> None:
-    with pytest.raises(ChartError, match="is a grid: columns, max_gap_m and align are for soundings"):
+    with pytest.raises(
+        ChartError, match="is a grid: columns, max_gap_m, align and error_by_slope are for soundings"
+    ):
         load_chart(write_geotiff(tmp_path / "x.tif", depths()), columns="e,n,depth")
 
 
