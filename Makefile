@@ -42,6 +42,8 @@ docs: $(UV)
 study: build                ## the long tests and the studies behind docs/results
 	.venv/bin/python -m pytest -m long
 	.venv/bin/python studies/results.py
+	.venv/bin/python studies/compare.py --real-runs 8
+	.venv/bin/python studies/alternating_landmark.py
 
 clean:
 	rm -rf target .venv dist site uwcoop-demo
