@@ -20,9 +20,10 @@ REFERENCE = Path(os.environ.get("UWCOOP_REFERENCE", Path(__file__).parents[1] / 
 
 @pytest.fixture(scope="session")
 def reference() -> Path:
-    """Folder of reference data (golden cases, real recordings); a test that needs it skips where it is absent."""
+    """Folder of reference data (golden cases, real recordings), which others own and the project does not hold: a test
+    that needs it skips where there is none, and fails where it is incomplete."""
     if not REFERENCE.is_dir():
-        pytest.skip(f"reference data is absent: {REFERENCE} (set UWCOOP_REFERENCE)")
+        pytest.skip(f"reference data, not part of the project, is absent: {REFERENCE} (set UWCOOP_REFERENCE)")
     return REFERENCE
 
 

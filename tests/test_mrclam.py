@@ -197,8 +197,6 @@ def test_damaged_files_are_named_with_their_line(
 
 def test_the_real_data_set(reference: Path) -> None:
     folder = reference / "data" / "mrclam" / "MRCLAM_Dataset6"
-    if not folder.is_dir():
-        pytest.skip(f"{folder} is absent")
     log = read_mrclam(folder, dropout_share=0.0)
     validate(log)
     assert log.vehicles == ("R1", "R3", "R4", "R5")

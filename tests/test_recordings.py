@@ -225,19 +225,20 @@ def test_plaza_files_are_read(tmp_path: Path) -> None:
         open_mission(path)
 
 
+def test_a_file_of_matlab_73_is_refused_in_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "Plaza9_.mat"
+    path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(512))
+    with pytest.raises(LogError, match=r"Plaza9_\.mat cannot be read: .*HDF") as refused:
+        open_mission(path)
+    assert "\n" not in str(refused.value)
+
+
 # --- recorded by others -------------------------------------------------------------------------------------
-
-
-def recorded(reference: Path, name: str) -> Path:
-    path = reference / "data" / name
-    if not path.is_file():
-        pytest.skip(f"no recording {path}")
-    return path
 
 
 @pytest.mark.parametrize(("run", "ins_m", "gated"), [(14, 5.82, 14), (15, 4.86, 1)])
 def test_goats(reference: Path, run: int, ins_m: float, gated: int) -> None:
-    path = recorded(reference, f"goats/goats_{run}.pyfg")
+    path = reference / f"data/goats/goats_{run}.pyfg"
     summary = uwcoop.run(path, ["local-only", "cekf"], clouds=False).summary
     assert own(summary, "local-only")["rmse_m"] == pytest.approx(ins_m, abs=0.02)
     assert own(summary, "cekf")["rejected"] == gated
@@ -249,7 +250,7 @@ def test_goats(reference: Path, run: int, ins_m: float, gated: int) -> None:
 @pytest.mark.parametrize(("run", "ins_m"), [(14, 5.82), (15, 4.86)])
 def test_goats_with_ranges_heard_on_the_way(reference: Path, run: int, ins_m: float) -> None:
     """The middle of what can be, as nobody says when between two poses a range was heard: better than INS in both."""
-    path = recorded(reference, f"goats/goats_{run}.pyfg")
+    path = reference / f"data/goats/goats_{run}.pyfg"
     half = ["recording.range_delay_edges=0.5"]
     summary = uwcoop.run(path, ["local-only", "cekf"], overrides=half, clouds=False).summary
     assert own(summary, "local-only")["rmse_m"] == pytest.approx(ins_m, abs=0.02)
@@ -259,7 +260,7 @@ def test_goats_with_ranges_heard_on_the_way(reference: Path, run: int, ins_m: fl
 
 def test_plaza_against_a_graph_optimiser(reference: Path) -> None:
     """The online error on the 1 Hz grid against that of an incremental smoother fed the same odometry and ranges."""
-    path = recorded(reference, "plaza/Plaza1_.mat")
+    path = reference / "data/plaza/Plaza1_.mat"
     ours = own(uwcoop.run(path, ["cekf"], clouds=False).summary, "cekf")["rmse_m"]
     # What GTSAM 4.3's ISAM2 gave (studies/plaza_gtsam.py), updated at every range.
     assert ours == pytest.approx(2.545, rel=0.05)
@@ -268,7 +269,7 @@ def test_plaza_against_a_graph_optimiser(reference: Path) -> None:
 @pytest.mark.long
 def test_plaza_against_gtsam_itself(reference: Path, study_module: Callable[[str], ModuleType]) -> None:
     if importlib.util.find_spec("gtsam") is None:
-        pytest.skip("gtsam is not installed")
-    path = recorded(reference, "plaza/Plaza1_.mat")
+        pytest.skip("the optional gtsam wheel is not installed")
+    path = reference / "data/plaza/Plaza1_.mat"
     ours, theirs = study_module("plaza_gtsam").compared(path)
     assert ours == pytest.approx(theirs, rel=0.05)

@@ -79,11 +79,6 @@ def pooled(name: str | Path, navigators: str, *overrides: str, runs: int = RUNS)
     return found
 
 
-def needed(reference: Path, recording: str) -> None:
-    if not (reference / recording).is_file():
-        pytest.skip(f"{recording} is absent")
-
-
 @pytest.mark.long
 def test_the_filter_that_knows_of_correlated_errors_is_honest_where_others_are_not() -> None:
     found = pooled("surveyed-bay", "dead-reckoning,dmpf,mpf")
@@ -110,7 +105,6 @@ def test_a_white_likelihood_fails_with_and_without_tails(tails: tuple[str, ...])
 def test_the_same_on_real_soundings(
     reference: Path, study_module: Callable[[str], ModuleType], tmp_path: Path, drift: str
 ) -> None:
-    needed(reference, "data/aburatsubo/sessions_valid.csv.gz")
     aburatsubo = study_module("aburatsubo")
     teams = aburatsubo.teams(reference)
     assert sum(len(team) for team in teams) >= 5
@@ -128,7 +122,6 @@ def test_the_same_on_real_soundings(
 def test_a_bottom_that_cannot_localise_is_said_to_be_one(
     reference: Path, study_module: Callable[[str], ModuleType], tmp_path: Path
 ) -> None:
-    needed(reference, "data/navo_bag/JD211_public_Release_1-4_UTM.bag")
     navo = study_module("navo")
     found = pooled(navo.write_mission(reference, tmp_path), "dead-reckoning,dmpf,mpf-terrain-only,mpf")
     reckoned = found["dead-reckoning"]

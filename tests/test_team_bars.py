@@ -100,8 +100,6 @@ def test_real_soundings(
     reference: Path, study_module: Callable[[str], ModuleType], tmp_path: Path, drift: str, at_least: float
 ) -> None:
     aburatsubo = study_module("aburatsubo")
-    if not (reference / aburatsubo.RECORDING).is_file():
-        pytest.skip(f"{aburatsubo.RECORDING} is absent")
     rows: list[Any] = []
     for team in aburatsubo.teams(reference):
         world = aburatsubo.write_team(reference, team, tmp_path / team[0], drift)

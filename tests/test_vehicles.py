@@ -440,8 +440,6 @@ def test_repeated_times_keep_the_first_row_and_an_edited_file_is_read_again(tmp_
 
 def test_a_real_survey_day_becomes_a_vehicle(reference: Path) -> None:
     file = reference / "data" / "aburatsubo" / "sessions_valid.csv.gz"
-    if not file.is_file():
-        pytest.skip(f"real soundings are absent: {file}")
     pytest.importorskip("pyproj")
     columns = "time='ms', longitude='lon', latitude='lat', sounding='z'"
     s = track_world(

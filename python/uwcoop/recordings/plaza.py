@@ -62,8 +62,7 @@ def _tables(path: Path) -> dict[str, NDArray[np.float64]]:
         raise MissingDependencyError("scipy", "maps") from missing
     try:
         content: dict[str, Any] = loadmat(str(path))
-    # SciPy's NotImplementedError: a file of MATLAB 7.3, which is HDF5.
-    except (OSError, ValueError, TypeError, NotImplementedError) as error:
+    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: MATLAB 7.3, which is HDF5
         raise LogError(f"recording {path} cannot be read: {' '.join(str(error).split())}") from error
     tables = {}
     for name, width in COLUMNS.items():
