@@ -53,7 +53,7 @@ fn weights(n: usize) -> Vec<f64> {
 
 fn lookups(c: &mut Criterion, chart: &Arc<Chart>) {
     let mut group = c.benchmark_group("lookup/pattern15");
-    let grid = chart.cells();
+    let grid = chart.grid();
     let mut pattern = Pattern::default();
     pattern.set(&grid, (0..15).map(|k| [-1.3 * f64::from(k), -0.7 * f64::from(k)]));
     for n in [600, 10_000] {

@@ -27,8 +27,7 @@ pub enum SigmaMap {
 /// A depth grid with its geometry and quality.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chart {
-    depth_m: Vec<f32>,
-    cells: Vec<Paired>,
+    nodes: Vec<Paired>,
     rows: usize,
     cols: usize,
     east0_m: f64,
@@ -94,8 +93,7 @@ impl Chart {
             return Err(Error::Chart("every node is a hole".into()));
         }
         Ok(Self {
-            cells: lookup::paired(&depth_m, cols),
-            depth_m,
+            nodes: lookup::paired(&depth_m, cols),
             rows,
             cols,
             east0_m,
@@ -107,21 +105,12 @@ impl Chart {
         })
     }
 
-    /// The grid, node by node.
+    /// The grid that lookups work on, each node with its northern neighbour beside it: twice the memory, but one load a
+    /// cell.
     #[must_use]
-    pub fn grid(&self) -> Grid<'_, f32> {
-        self.over(&self.depth_m)
-    }
-
-    /// The grid with each node's northern neighbour beside it: twice the memory, but one load a cell.
-    #[must_use]
-    pub fn cells(&self) -> Grid<'_, Paired> {
-        self.over(&self.cells)
-    }
-
-    fn over<'a, T>(&'a self, values: &'a [T]) -> Grid<'a, T> {
+    pub fn grid(&self) -> Grid<'_, Paired> {
         Grid {
-            values,
+            values: &self.nodes,
             rows: self.rows,
             cols: self.cols,
             east0_m: self.east0_m,

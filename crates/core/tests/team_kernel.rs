@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
 
 use nalgebra::{DMatrix, DVector};
-use uwcoop_core::kernels::lookup::{Grid, bilinear};
+use uwcoop_core::kernels::lookup::{Grid, Paired, bilinear, paired};
 use uwcoop_core::kernels::team::{
     BLOCK, JitterScratch, Joints, MapSigma, Op, Own, Prediction, Program, Terrain, jitter_followers, packed,
     packed_len, run,
@@ -159,16 +159,17 @@ fn a_prediction_is_the_dense_one() {
 }
 
 /// A chart on which five points see a plane exactly, or a bowl.
-fn depths(curvature: f64) -> Vec<f32> {
-    (0..SIDE * SIDE)
+fn depths(curvature: f64) -> Vec<Paired> {
+    let depths: Vec<f32> = (0..SIDE * SIDE)
         .map(|k| {
             let (e, n) = ((k % SIDE) as f64, (k / SIDE) as f64);
             (20.0 + 0.0625 * e - 0.03125 * n + curvature * (e - 60.0) * (e - 60.0)) as f32
         })
-        .collect()
+        .collect();
+    paired(&depths, SIDE)
 }
 
-fn terrain(values: &[f32], dof: f64) -> Terrain<'_> {
+fn terrain(values: &[Paired], dof: f64) -> Terrain<'_> {
     let grid = Grid { values, rows: SIDE, cols: SIDE, east0_m: 0.0, north0_m: 0.0, cell_m: 1.0 };
     Terrain { chart: grid, filled: grid, sigma: MapSigma::Uniform(0.1), dof }
 }
@@ -246,7 +247,7 @@ fn over_a_hole_and_off_the_chart_nothing_changes_but_the_walk_of_the_offset() {
     let world = World::new();
     let mut values = depths(0.0);
     for row in values.chunks_mut(SIDE) {
-        row[61..].fill(f32::NAN);
+        row[61..].fill([f32::NAN; 2]);
     }
     let t = terrain(&values, f64::INFINITY);
     let (means, covariances, rows, _) = world.run(0, &[sounding(22.0, 1.0)], Some(t));

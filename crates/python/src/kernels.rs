@@ -237,7 +237,7 @@ fn pattern_depths<'py>(
     }
     let contiguous = depths.is_c_contiguous().then(|| depths.as_slice_mut().ok()).flatten();
     let depths = contiguous.ok_or_else(|| argument("out is not a C-contiguous array".to_string()))?;
-    let grid = chart.inner.cells();
+    let grid = chart.inner.grid();
     let mut pattern = Pattern::default();
     pattern.set(&grid, oe.iter().zip(&on).map(|(e, n)| [*e, *n]));
     let (mut east, mut north) = ([0.0; UNPACKED], [0.0; UNPACKED]);

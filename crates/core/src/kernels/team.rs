@@ -12,7 +12,7 @@
 //! first-level cache from the first prediction to the last range.
 
 use super::dispatch;
-use super::lookup::Grid;
+use super::lookup::{Grid, Paired};
 use super::math::ln;
 use super::particles::{product_sum, sum};
 
@@ -125,9 +125,9 @@ pub enum MapSigma<'a> {
 #[derive(Debug, Clone, Copy)]
 pub struct Terrain<'a> {
     /// The chart proper: the centre of the five points must lie on it.
-    pub chart: Grid<'a, f32>,
+    pub chart: Grid<'a, Paired>,
     /// A copy with its holes filled: the outer four may lie on it.
-    pub filled: Grid<'a, f32>,
+    pub filled: Grid<'a, Paired>,
     /// Its error.
     pub sigma: MapSigma<'a>,
     /// Degrees of freedom of Student's t; infinite for a Gaussian.
@@ -551,7 +551,7 @@ fn range(
 
 /// Bilinear depths; NaN off the grid or where one of the four nodes is a hole.
 #[inline(always)]
-fn depths(grid: &Grid<'_, f32>, east_m: &Lane, north_m: &Lane) -> Lane {
+fn depths(grid: &Grid<'_, Paired>, east_m: &Lane, north_m: &Lane) -> Lane {
     let inverse = 1.0 / grid.cell_m;
     let (last_e, last_n) = ((grid.cols - 1) as f64, (grid.rows - 1) as f64);
     let (mut index, mut fe, mut fn_) = ([0usize; LANES], [0.0f32; LANES], [0.0f32; LANES]);
@@ -570,16 +570,10 @@ fn depths(grid: &Grid<'_, f32>, east_m: &Lane, north_m: &Lane) -> Lane {
     let mut out = [0.0; LANES];
     for l in 0..LANES {
         let at = index[l];
-        debug_assert!(at + grid.cols + 1 < grid.values.len());
-        // SAFETY: column ≤ cols − 2 and row ≤ rows − 2, so the four nodes of the cell are on the grid.
-        let (sw, se, nw, ne) = unsafe {
-            (
-                *grid.values.get_unchecked(at),
-                *grid.values.get_unchecked(at + 1),
-                *grid.values.get_unchecked(at + grid.cols),
-                *grid.values.get_unchecked(at + grid.cols + 1),
-            )
-        };
+        debug_assert!(at + 1 < grid.values.len());
+        // SAFETY: column ≤ cols − 2 and row ≤ rows − 2, so the west and the east of the cell are on the grid.
+        let ([sw, nw], [se, ne]) =
+            unsafe { (*grid.values.get_unchecked(at), *grid.values.get_unchecked(at + 1)) };
         let south = sw + fe[l] * (se - sw);
         let north = nw + fe[l] * (ne - nw);
         let depth = f64::from(south + fn_[l] * (north - south));

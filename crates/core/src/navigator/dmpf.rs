@@ -209,7 +209,7 @@ impl Dmpf {
 impl Scratch {
     /// Terrain log-likelihood (15); NaN for a particle whose segment touches no depth.
     fn terrain(&mut self, chart: &Chart, east: &[f64], north: &[f64], sigma_m: f64, out: &mut [f64]) {
-        let grid = chart.cells();
+        let grid = chart.grid();
         self.pattern.set(&grid, self.offsets.iter().copied());
         if !terrain_log_likelihood_fast(&grid, &self.pattern, east, north, &self.differences, sigma_m, out) {
             terrain_log_likelihood(

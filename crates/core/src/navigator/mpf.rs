@@ -409,7 +409,7 @@ impl Scratch {
         ] {
             column.resize(n, 0.0);
         }
-        let grid = chart.cells();
+        let grid = chart.grid();
         self.here.set(&grid, std::iter::once([0.0, 0.0]));
         let depth = &mut self.depth;
         let inside = pattern_depths(&grid, &self.here, east, north, |first, count, _, depths| {

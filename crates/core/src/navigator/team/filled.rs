@@ -1,17 +1,18 @@
 //! A copy of a chart whose holes are filled from their rims, for the outer points of a teammate's sounding.
 
 use crate::chart::Chart;
+use crate::kernels::lookup::{Paired, paired};
 
 /// Depths with holes filled up to `reach_m` from the nearest node that has one, ring by ring with the mean of the
 /// neighbours that are known; `None` for a chart without holes.
 #[must_use]
-pub fn filled(chart: &Chart, reach_m: f64) -> Option<Vec<f32>> {
+pub fn filled(chart: &Chart, reach_m: f64) -> Option<Vec<Paired>> {
     let grid = chart.grid();
-    if grid.values.iter().all(|d| !d.is_nan()) {
+    let mut depths: Vec<f32> = grid.values.iter().map(|[depth, _]| *depth).collect();
+    if depths.iter().all(|d| !d.is_nan()) {
         return None;
     }
     let (rows, cols) = (grid.rows, grid.cols);
-    let mut depths = grid.values.to_vec();
     let known = |depths: &[f32], r: usize, c: usize| -> (f32, u8) {
         let (mut sum, mut count) = (0.0, 0);
         for nr in r.saturating_sub(1)..=(r + 1).min(rows - 1) {
@@ -57,5 +58,5 @@ pub fn filled(chart: &Chart, reach_m: f64) -> Option<Vec<f32>> {
             break;
         }
     }
-    Some(depths)
+    Some(paired(&depths, cols))
 }

@@ -23,6 +23,7 @@ use super::{Estimate, Navigator, Outcome, Particles, Status};
 use crate::chart::Chart;
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId};
+use crate::kernels::lookup::Paired;
 use crate::kernels::particles::liu_west_bandwidth;
 use crate::kernels::weights::weighted_mean;
 use crate::noise::Purpose;
@@ -85,7 +86,7 @@ pub struct Team<const K: usize> {
     mpf: Mpf<K>,
     options: TeamOptions,
     layout: TeamLayout,
-    filled: Option<Vec<f32>>,
+    filled: Option<Vec<Paired>>,
     state: State,
     scratch: Scratch,
 }

@@ -5,7 +5,7 @@ use super::program::{Reading, Target};
 use super::{Team, Teammate};
 use crate::chart::{Chart, SigmaMap};
 use crate::event::VehicleId;
-use crate::kernels::lookup::{Grid, bilinear};
+use crate::kernels::lookup::{Grid, Paired, bilinear};
 use crate::kernels::team::{BLOCK, Joints, MapSigma, Op, Own, Program as Run, Terrain, run};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
 use crate::link::{range_m, slant_to_horizontal};
@@ -201,15 +201,10 @@ impl<const K: usize> Team<K> {
             let t_ns = tol_ns.saturating_sub((s.age_s * 1e9).round() as i64);
             let (at, dt_s) = (program.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
             let place = [0, 1].map(|a| state(a) + at[a] - began[a] + state(3 + a) * dt_s);
-            let depth = bilinear(&self.filled_grid(chart), place[0], place[1]);
+            let depth = bilinear(&filled_grid(self.filled.as_deref(), chart), place[0], place[1]);
             let whole = unwrap_near(s.water_depth_m, report.depth_modulus_m, depth + state(2));
             depth.is_finite().then_some(whole - s.water_depth_m)
         })
-    }
-
-    fn filled_grid<'a>(&'a self, chart: &'a Chart) -> Grid<'a, f32> {
-        let grid = chart.grid();
-        Grid { values: self.filled.as_deref().unwrap_or(grid.values), ..grid }
     }
 
     /// Runs the program in scratch and adds what it says of the particles.
@@ -222,19 +217,16 @@ impl<const K: usize> Team<K> {
         self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
         let cloud = &self.mpf.state.core.cloud;
         let launch = self.state.launch.as_ref();
-        let terrain = self.mpf.chart.as_deref().map(|chart| {
-            let grid = chart.grid();
-            Terrain {
-                chart: grid,
-                filled: Grid { values: self.filled.as_deref().unwrap_or(grid.values), ..grid },
-                sigma: match (options.sigma_map_m, chart.sigma_map()) {
-                    (Some(sigma), _) | (None, &SigmaMap::Uniform(sigma)) => MapSigma::Uniform(sigma),
-                    (None, SigmaMap::PerNode { sigma_m, fallback }) => {
-                        MapSigma::PerNode { sigma_m, fallback: *fallback }
-                    }
-                },
-                dof: options.student_dof,
-            }
+        let terrain = self.mpf.chart.as_deref().map(|chart| Terrain {
+            chart: chart.grid(),
+            filled: filled_grid(self.filled.as_deref(), chart),
+            sigma: match (options.sigma_map_m, chart.sigma_map()) {
+                (Some(sigma), _) | (None, &SigmaMap::Uniform(sigma)) => MapSigma::Uniform(sigma),
+                (None, SigmaMap::PerNode { sigma_m, fallback }) => {
+                    MapSigma::PerNode { sigma_m, fallback: *fallback }
+                }
+            },
+            dof: options.student_dof,
         });
         let program = Run {
             base,
@@ -344,4 +336,10 @@ fn targets<'a>(
         let base = state.groups.get(index)?.base_of(range.vehicle)?;
         Some((mate.tol_ns, range.range_m, Target::Block(base)))
     })
+}
+
+/// The chart with its holes filled, where it has any.
+fn filled_grid<'a>(filled: Option<&'a [Paired]>, chart: &'a Chart) -> Grid<'a, Paired> {
+    let grid = chart.grid();
+    Grid { values: filled.unwrap_or(grid.values), ..grid }
 }
