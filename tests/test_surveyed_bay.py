@@ -110,11 +110,11 @@ def test_the_same_on_real_soundings(
     assert sum(len(team) for team in teams) >= 5
     for team in teams:
         scenario_file = aburatsubo.write_team(reference, team, tmp_path / team[0], drift)
-        found = pooled(scenario_file, "dead-reckoning,dmpf,mpf", runs=5)
+        found = pooled(scenario_file, "dead-reckoning,dmpf,mpf")
         assert found["mpf"]["median_rmse_m"] < found["dead-reckoning"]["median_rmse_m"] / 2
         assert found["mpf"]["anees_median"] <= 2.6
         assert found["dmpf"]["anees_median"] > 20
-        white = pooled(scenario_file, "mpf", "navigator.mpf.correlation_length_m=0", runs=5)
+        white = pooled(scenario_file, "mpf", "navigator.mpf.correlation_length_m=0")
         assert white["mpf"]["anees_median"] > found["mpf"]["anees_median"]
 
 
