@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
     from uwcoop.charts import Chart
 
-# Wine in place of yellow, which fades in print.
-OKABE_ITO = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#882255", "#000000")
+# Olive in place of yellow, which fades in print; pictures are white and replays are dark.
+OKABE_ITO = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#999933", "#000000")
 """Colour-blind-safe palette (after Okabe and Ito 2008), strongest on white first; used by every picture."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
