@@ -73,13 +73,31 @@ def test_who_has_only_a_modem_is_led_by_those_who_know_more() -> None:
     assert np.all(final < 16), "nobody is certain of a wrong place"
 
 
-def test_without_a_chart_ranges_do_no_harm() -> None:
+def without_a_chart(runs: int, *overrides: str) -> tuple[float, dict[str, Any]]:
+    """Median of RMSE over dead reckoning's, and the pooled figures of `team`."""
     told = [f"navigator.team.{name}=0.0" for name in KNOWN]
-    log = logged("st-john-drift", "duration_s=300", "navigator.team.particles=400", *told)
-    result = uwcoop.run(replace(log, chart=None), ["team", "dead-reckoning"], clouds=False)
-    team, reckoned = rmse(result)
-    assert team.mean() < 1.2 * reckoned.mean()
-    assert np.median(metrics.nees(result.tracks).values[0]) < 4
+    ratios, rows = [], []
+    for seed in range(runs):
+        log = replace(logged("st-john-drift", *told, *overrides, seed=seed), chart=None)
+        result = uwcoop.run(log, ["team", "dead-reckoning"], clouds=False)
+        team, reckoned = rmse(result)
+        ratios.append(team / reckoned)
+        rows += metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets, run=seed)
+    return float(np.median(ratios)), metrics.pool(rows)["team"]
+
+
+def test_without_a_chart_ranges_do_no_harm() -> None:
+    ratio, team = without_a_chart(4, "navigator.team.particles=400")
+    assert ratio < 1.2
+    assert team["anees"] < 4
+
+
+@pytest.mark.long
+def test_without_a_chart_team_is_consistent_and_not_worse_than_dead_reckoning() -> None:
+    ratio, team = without_a_chart(50)
+    assert ratio <= 1
+    assert 1.2 <= team["anees_median"] <= 2.6
+    assert team["anees"] <= 2.6
 
 
 def refused(**options: Any) -> str:

@@ -110,7 +110,10 @@ fn a_snapshot_of_something_else_is_refused_and_changes_nothing() {
     let before = fleet[0].snapshot().unwrap();
     let larger = team_of(0, team_options(3, 2 * PARTICLES), Some(rich())).snapshot().unwrap();
     let more = team_of(0, team_options(8, PARTICLES), Some(rich())).snapshot().unwrap();
-    for spoilt in [&before[..before.len() / 2], &[], &[0xFF; 40], &larger, &more] {
+    let mut shared = team_options(3, PARTICLES);
+    shared.current_difference = if shared.current_difference < 1.0 { 1.0 } else { 0.1 };
+    let shared = team_of(0, shared, Some(rich())).snapshot().unwrap();
+    for spoilt in [&before[..before.len() / 2], &[], &[0xFF; 40], &larger, &more, &shared] {
         assert!(fleet[0].restore(spoilt).is_err());
         assert_eq!(fleet[0].snapshot().unwrap(), before);
     }

@@ -467,6 +467,12 @@ impl<const K: usize> ParticleCore<K> {
         }
     }
 
+    /// Process noise of the position over `dt_s`, [ee, en, nn], m².
+    #[must_use]
+    pub fn position_walk(&self, dt_s: f64) -> [f64; 3] {
+        self.drift.position_walk(dt_s)
+    }
+
     /// Starts at the first fix; later ones weigh the particles.
     pub fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         if !self.started() {

@@ -10,6 +10,7 @@ mod book;
 mod current;
 mod filled;
 mod group;
+mod past;
 mod program;
 mod reception;
 
@@ -31,6 +32,7 @@ use crate::packet::{SEAL_BYTES, TEAM_MAX, TeamLayout, TeamReport};
 use book::Book;
 use current::CommonCurrent;
 use group::Group;
+use past::Past;
 use program::Program;
 
 /// Options of `team`.
@@ -87,27 +89,18 @@ pub struct Team<const K: usize> {
     options: TeamOptions,
     layout: TeamLayout,
     filled: Option<Vec<Paired>>,
-    state: State,
+    state: State<K>,
     scratch: Scratch,
 }
 
 #[derive(Clone, Serialize, Deserialize)]
-struct State {
+struct State<const K: usize> {
     book: Book,
     mates: Vec<Option<Teammate>>,
     groups: Vec<Group>,
-    /// Every particle at the last launch, and that packet's counter.
-    launch: Option<Launch>,
-    current: Option<CommonCurrent>,
+    past: Past,
+    current: Option<CommonCurrent<K>>,
     sigma_sounding_m: Option<f64>,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-struct Launch {
-    tol_ns: i64,
-    sequence: u8,
-    east: Vec<f64>,
-    north: Vec<f64>,
 }
 
 #[derive(Default)]
@@ -163,7 +156,7 @@ impl<const K: usize> Team<K> {
                 book: Book::new(vehicles),
                 mates: vec![None; vehicles],
                 groups: (0..groups).map(|_| Group::new(options.core.particles)).collect(),
-                launch: None,
+                past: Past::default(),
                 current: (options.current_difference < 1.0)
                     .then(|| CommonCurrent::new(options.core.particles, vehicles)),
                 sigma_sounding_m: None,
@@ -201,6 +194,25 @@ impl<const K: usize> Team<K> {
         place / self.options.group_size
     }
 
+    /// The own particles make a step, and what must know of it is told.
+    fn advance(&mut self, t_ns: i64) {
+        let core = &mut self.mpf.state.core;
+        let Some(before_ns) = core.now_ns() else { return core.advance(t_ns) };
+        if t_ns == before_ns {
+            return;
+        }
+        if let Some(current) = &mut self.state.current {
+            current.before(core);
+        }
+        core.advance(t_ns);
+        if let Some(current) = &mut self.state.current {
+            current.after(core, seconds(t_ns - before_ns));
+        }
+        if core.started() && self.options.use_ranges {
+            self.state.past.remember(t_ns, &core.cloud.east, &core.cloud.north);
+        }
+    }
+
     fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let restarts = self.mpf.state.core.restarts;
         let outcome = self.mpf.weigh_fix(position_m, covariance_m2);
@@ -209,7 +221,7 @@ impl<const K: usize> Team<K> {
         }
         if self.mpf.state.core.restarts != restarts {
             self.forget();
-            self.state.launch = None;
+            self.state.past.clear();
         }
         self.resample();
         outcome
@@ -222,7 +234,7 @@ impl<const K: usize> Team<K> {
         if let Some(statistic) = health {
             self.remember_own();
             if self.mpf.watch(statistic) {
-                self.move_launch();
+                self.move_past();
                 self.forget();
             } else {
                 self.resample();
@@ -233,25 +245,17 @@ impl<const K: usize> Team<K> {
 
     /// Own positions, to know later how far each particle was moved.
     fn remember_own(&mut self) {
-        if self.state.launch.is_some() {
-            let cloud = &self.mpf.state.core.cloud;
-            for (kept, now) in self.scratch.own.iter_mut().zip([&cloud.east, &cloud.north]) {
-                kept.clear();
-                kept.extend_from_slice(now);
-            }
+        let cloud = &self.mpf.state.core.cloud;
+        for (kept, now) in self.scratch.own.iter_mut().zip([&cloud.east, &cloud.north]) {
+            kept.clear();
+            kept.extend_from_slice(now);
         }
     }
 
-    /// Where a particle was at the last launch moves as the particle does.
-    fn move_launch(&mut self) {
+    /// Where a particle was moves as the particle does.
+    fn move_past(&mut self) {
         let cloud = &self.mpf.state.core.cloud;
-        let Some(launch) = &mut self.state.launch else { return };
-        let columns = [(&mut launch.east, &cloud.east), (&mut launch.north, &cloud.north)];
-        for ((then, now), before) in columns.into_iter().zip(&self.scratch.own) {
-            for ((then, now), before) in then.iter_mut().zip(now).zip(before) {
-                *then += now - before;
-            }
-        }
+        self.state.past.shift(&self.scratch.own, &cloud.east, &cloud.north);
     }
 
     /// The own cloud was spread: what each particle knew of the teammates is pooled and widened.
@@ -287,14 +291,7 @@ impl<const K: usize> Team<K> {
         let ancestors = core.cloud.ancestors();
         let [column, _] = &mut self.scratch.innovation;
         column.resize(ancestors.len(), 0.0);
-        if let Some(launch) = &mut self.state.launch {
-            for then in [&mut launch.east, &mut launch.north] {
-                for (new, a) in column.iter_mut().zip(ancestors) {
-                    *new = then[*a as usize];
-                }
-                std::mem::swap(then, column);
-            }
-        }
+        self.state.past.gather(ancestors, column);
         if let Some(current) = &mut self.state.current {
             current.gather(ancestors, column);
         }
@@ -306,7 +303,7 @@ impl<const K: usize> Team<K> {
         if let Some(kept) = kept {
             self.keep_means(&kept);
         }
-        self.move_launch();
+        self.move_past();
     }
 
     /// Weighted mean of every column: own states, then the teammates'.
@@ -367,20 +364,11 @@ impl<const K: usize> Team<K> {
         let core = &self.mpf.state.core;
         let (cloud, velocity) = (&core.cloud, core.velocity_mps);
         let ahead_s = core.now_ns().map_or(0.0, |now| seconds(tol_ns.saturating_sub(now)).max(0.0));
-        let n = cloud.len();
-        let launch = self.state.launch.get_or_insert_with(|| Launch {
-            tol_ns,
-            sequence,
-            east: vec![0.0; n],
-            north: vec![0.0; n],
-        });
-        (launch.tol_ns, launch.sequence) = (tol_ns, sequence);
-        let columns = [(&mut launch.east, &cloud.east), (&mut launch.north, &cloud.north)];
-        for (axis, (then, now)) in columns.into_iter().enumerate() {
-            for ((then, now), current) in then.iter_mut().zip(now).zip(&cloud.linear[axis]) {
-                *then = now + ahead_s * (velocity[axis] + current);
-            }
-        }
+        let place = |i: usize| {
+            let now = [cloud.east[i], cloud.north[i]];
+            [0, 1].map(|axis| now[axis] + ahead_s * (velocity[axis] + cloud.linear[axis][i]))
+        };
+        self.state.past.launched(sequence, tol_ns, place, cloud.len());
     }
 }
 
@@ -389,11 +377,7 @@ impl<const K: usize> Navigator for Team<K> {
         check_event(event, self.mpf.own, self.mpf.state.core.now_ns())?;
         self.mpf.state.radio.check_sender(&event.payload)?;
         self.state.book.advance(event.t_ns, self.mpf.state.core.velocity_mps);
-        let before_ns = self.mpf.state.core.now_ns();
-        self.mpf.state.core.advance(event.t_ns);
-        if let (Some(current), Some(before_ns)) = (&mut self.state.current, before_ns) {
-            current.advance(&self.mpf.state.core.cloud.linear, seconds(event.t_ns - before_ns));
-        }
+        self.advance(event.t_ns);
         match &event.payload {
             Payload::Motion { velocity_mps } => {
                 self.mpf.state.core.velocity_mps = *velocity_mps;
@@ -449,11 +433,19 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let (mpf, state): (MpfState<K>, State) = load(snapshot)?;
+        let (mpf, state): (MpfState<K>, State<K>) = load(snapshot)?;
         if state.groups.len() != self.state.groups.len() || state.mates.len() != self.state.mates.len() {
             return Err(Error::Snapshot("made with another team".into()));
         }
-        state.groups.iter().try_for_each(|g| g.check(self.options.core.particles))?;
+        let (particles, vehicles) = (self.options.core.particles, self.state.mates.len());
+        state.groups.iter().try_for_each(|g| g.check(particles))?;
+        let shared = state.current.as_ref().map(|c| c.fits(particles, vehicles));
+        if !state.past.fits(particles)
+            || shared.is_some() != self.state.current.is_some()
+            || shared == Some(false)
+        {
+            return Err(Error::Snapshot("made with another team".into()));
+        }
         self.mpf.state = mpf;
         self.state = state;
         Ok(())

@@ -143,12 +143,10 @@ impl<const K: usize> Team<K> {
         let share = self.options.current_difference.min(1.0);
         drift.sigma_current_mps_per_sqrt_s *= share;
         if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.mpf.state.core.now_ns()) {
-            // A particle knows the current up to what its own white noise hides: twice its variance per second.
-            let own = self.mpf.options.drift.sigma_position_m_per_sqrt_s;
-            drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(own * 2f64.sqrt());
             let linear = &self.mpf.state.core.cloud.linear;
             let ago_s = (now_ns - tol_ns) as f64 * 1e-9;
-            current.since(sender, linear, ago_s, &mut self.scratch.current);
+            let hidden = current.since(sender, linear, ago_s, &mut self.scratch.current);
+            drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(hidden.sqrt());
         }
         let correlation = self.mpf.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
         let reading = Reading {
@@ -216,7 +214,7 @@ impl<const K: usize> Team<K> {
         self.scratch.innovation.iter_mut().for_each(|c| c.resize(n, 0.0));
         self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
         let cloud = &self.mpf.state.core.cloud;
-        let launch = self.state.launch.as_ref();
+        let launch = self.state.past.launch.as_ref();
         let terrain = self.mpf.chart.as_deref().map(|chart| Terrain {
             chart: chart.grid(),
             filled: filled_grid(self.filled.as_deref(), chart),
@@ -234,7 +232,7 @@ impl<const K: usize> Team<K> {
             terrain,
             own: Own {
                 at: [
-                    launch.map_or([&cloud.east, &cloud.north], |l| [&l.east, &l.north]),
+                    launch.map_or([&cloud.east, &cloud.north], |(_, l)| [&l.east, &l.north]),
                     [&self.scratch.own[0], &self.scratch.own[1]],
                 ],
             },
@@ -254,8 +252,11 @@ impl<const K: usize> Team<K> {
         }
     }
 
-    /// Where each particle was when the packet arrived, into scratch.
+    /// Where each particle was when the packet arrived, into scratch. What is older than is kept is reckoned back.
     fn own_positions(&mut self, toa_ns: i64) {
+        if self.state.past.at(toa_ns, &mut self.scratch.own) {
+            return;
+        }
         let core = &self.mpf.state.core;
         let back = core.displacement_since(toa_ns).unwrap_or_default();
         for (axis, now) in [&core.cloud.east, &core.cloud.north].into_iter().enumerate() {
@@ -320,16 +321,16 @@ fn add_row(row: &[f64], weights: &[f64], column: &mut [f64]) {
 
 /// Reported ranges that can be used: to this vehicle's last launch, or to a block of the same group that stands at the
 /// launch which the range was measured to.
-fn targets<'a>(
+fn targets<'a, const K: usize>(
     report: &'a TeamReport,
-    state: &'a super::State,
+    state: &'a super::State<K>,
     index: usize,
     own: VehicleId,
 ) -> impl Iterator<Item = (i64, f64, Target)> + 'a {
     report.ranges.iter().filter_map(move |range| {
         if range.vehicle == own {
-            let launch = state.launch.as_ref().filter(|l| l.sequence & 3 == range.sequence)?;
-            return Some((launch.tol_ns, range.range_m, Target::Own));
+            let (_, launch) = state.past.launch.as_ref().filter(|(s, _)| s & 3 == range.sequence)?;
+            return Some((launch.t_ns, range.range_m, Target::Own));
         }
         let mate =
             state.mates.get(usize::from(range.vehicle))?.filter(|m| m.sequence & 3 == range.sequence)?;
