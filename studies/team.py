@@ -78,6 +78,12 @@ QUESTIONS: dict[str, Question] = {
     ),
 }  # fmt: skip
 NO_CHART = "no-chart"
+ALONE = "alone"
+OVER_TERRAIN = (
+    "st-john", "st-john-drift", "st-john-current", "st-john-bias", "st-john-field", "st-john-field-3", "charles-river",
+    "flat-bay", "poor-bay", "surveyed-bay", "mixed-team",
+)  # fmt: skip
+LOSSES = (0.0, 0.5, 0.9, 1.0)
 
 
 def line(shown: str, name: str, rows: Sequence[Mapping[str, Any]], base: Sequence[Mapping[str, Any]]) -> str:
@@ -138,20 +144,45 @@ def ask_without_a_chart(runs: int) -> None:
         print(line("", name, [row for row in rows if row["navigator"] == name], base), flush=True)
 
 
+def ask_alone(runs: int, processes: int | None) -> None:
+    """Every world over terrain, from no loss to nothing heard: the team against each of its vehicles alone."""
+    print(f"\nRMSE of team over mpf-terrain-only's, medians, {runs} runs {SAME_PARTICLES}\n")
+    print(
+        "| loss | "
+        + " | ".join(f"{100 * loss:.0f} %" for loss in LOSSES)
+        + " |\n|---|"
+        + "---|" * len(LOSSES)
+    )
+    for world in OVER_TERRAIN:
+        ratios = []
+        for loss in LOSSES:
+            # In place of the losses that a scenario has.
+            lost = f'acoustics.losses=[{{model="independent",probability={loss}}}]'
+            result = uwcoop.study(
+                world, runs, list(PAIR), overrides=(SAME_PARTICLES, lost), processes=processes
+            )
+            found = metrics.pool(result.rows)
+            ratios.append(found[PAIR[0]]["median_rmse_m"] / found[PAIR[1]]["median_rmse_m"])
+        print(f"| `{world}` | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |", flush=True)
+
+
 def main() -> None:
     """Asks what was asked for."""
     about = "\n".join(f"  {name:14s} {question.asks}" for name, question in QUESTIONS.items())
     parser = argparse.ArgumentParser(
-        description=f"{Path(__file__).name}: tables of docs/results/team.md\n\n{about}\n  {NO_CHART:14s} ranging only",
+        description=f"{Path(__file__).name}: tables of docs/results/team.md\n\n{about}\n"
+        f"  {NO_CHART:14s} ranging only\n  {ALONE:14s} every world and loss, against each vehicle alone",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="+", choices=[*QUESTIONS, NO_CHART], metavar="NAME")
+    parser.add_argument("names", nargs="+", choices=[*QUESTIONS, NO_CHART, ALONE], metavar="NAME")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--processes", type=int, default=None)
     asked = parser.parse_args()
     for name in asked.names:
         if name == NO_CHART:
             ask_without_a_chart(asked.runs)
+        elif name == ALONE:
+            ask_alone(asked.runs, asked.processes)
         else:
             ask(QUESTIONS[name], asked.runs, asked.processes)
 
