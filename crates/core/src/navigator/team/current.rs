@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::common::ParticleCore;
 use crate::event::VehicleId;
-use crate::kernels::particles::displacement_map;
+use crate::kernels::particles::{displacement_map, gather};
 
 /// The way that the current took each particle, and where that stood at each teammate's last packet.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -114,10 +114,7 @@ impl<const K: usize> CommonCurrent<K> {
     pub fn gather(&mut self, ancestors: &[u32], column: &mut Vec<f64>) {
         let kept = self.at.iter_mut().flatten().flat_map(|then| &mut then.way);
         for way in self.way.iter_mut().chain(kept) {
-            for (new, a) in column.iter_mut().zip(ancestors) {
-                *new = way[*a as usize];
-            }
-            std::mem::swap(way, column);
+            gather(way, column, ancestors);
         }
     }
 

@@ -5,6 +5,8 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
+use crate::kernels::particles::gather;
+
 /// Seconds that are kept: a frame of 64 bytes at 80 bit/s.
 const KEPT_NS: i64 = 8_000_000_000;
 /// Instants are at least so far apart.
@@ -97,12 +99,8 @@ impl Past {
     /// All places follow their particle.
     pub fn gather(&mut self, ancestors: &[u32], column: &mut Vec<f64>) {
         for places in self.all() {
-            for then in [&mut places.east, &mut places.north] {
-                for (new, a) in column.iter_mut().zip(ancestors) {
-                    *new = then[*a as usize];
-                }
-                std::mem::swap(then, column);
-            }
+            gather(&mut places.east, column, ancestors);
+            gather(&mut places.north, column, ancestors);
         }
     }
 
