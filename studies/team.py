@@ -8,6 +8,7 @@ Every name is one question; `python studies/team.py --help` lists them. Run k ha
 from __future__ import annotations
 
 import argparse
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 
 import uwcoop
 from uwcoop import metrics, scenario
+from uwcoop.missionlog import MissionLog
 
 ALL = ("team", "mpf", "mpf-terrain-only", "dmpf", "dead-reckoning")
 PAIR = ("team", "mpf-terrain-only")
@@ -84,6 +86,11 @@ OVER_TERRAIN = (
     "flat-bay", "poor-bay", "surveyed-bay", "mixed-team",
 )  # fmt: skip
 LOSSES = (0.0, 0.5, 0.9, 1.0)
+SPEED = "speed"
+TIMED: tuple[tuple[str, tuple[str, ...]], ...] = (
+    ("st-john-drift", ()), ("poor-bay", ()),
+    ("st-john-drift", ("vehicles.count=16", "navigator.team.group_size=4")),
+)  # fmt: skip
 
 
 def line(shown: str, name: str, rows: Sequence[Mapping[str, Any]], base: Sequence[Mapping[str, Any]]) -> str:
@@ -166,15 +173,38 @@ def ask_alone(runs: int, processes: int | None) -> None:
         print(f"| `{world}` | " + " | ".join(f"{ratio:.2f}" for ratio in ratios) + " |", flush=True)
 
 
+def processor_s(log: MissionLog, navigator: str, times: int) -> float:
+    """Least processor time of some runs on one thread."""
+    taken = []
+    for _ in range(times):
+        began = time.process_time()
+        uwcoop.run(log, [navigator], clouds=False)
+        taken.append(time.process_time() - began)
+    return min(taken)
+
+
+def ask_speed(times: int) -> None:
+    """Processor time of `team`, less that of dead reckoning over the same mission."""
+    print("| | s | per particle, second and vehicle | times real time |\n|---|---|---|---|")
+    for world, overrides in TIMED:
+        log = uwcoop.simulate(scenario.load(world, overrides), seed=0)
+        seconds = processor_s(log, "team", times) - processor_s(log, "dead-reckoning", times)
+        lived_s = log.duration_ns * 1e-9
+        each_us = 1e6 * seconds / lived_s / 1500 / len(log.vehicles)
+        shown = f"`{world}` {' '.join(overrides)}".rstrip()
+        print(f"| {shown} | {seconds:.2f} | {each_us:.2f} µs | {lived_s / seconds:.0f} |", flush=True)
+
+
 def main() -> None:
     """Asks what was asked for."""
     about = "\n".join(f"  {name:14s} {question.asks}" for name, question in QUESTIONS.items())
     parser = argparse.ArgumentParser(
         description=f"{Path(__file__).name}: tables of docs/results/team.md\n\n{about}\n"
-        f"  {NO_CHART:14s} ranging only\n  {ALONE:14s} every world and loss, against each vehicle alone",
+        f"  {NO_CHART:14s} ranging only\n  {ALONE:14s} every world and loss, against each vehicle alone\n"
+        f"  {SPEED:14s} processor time, best of the runs",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("names", nargs="+", choices=[*QUESTIONS, NO_CHART, ALONE], metavar="NAME")
+    parser.add_argument("names", nargs="+", choices=[*QUESTIONS, NO_CHART, ALONE, SPEED], metavar="NAME")
     parser.add_argument("--runs", type=int, default=20)
     parser.add_argument("--processes", type=int, default=None)
     asked = parser.parse_args()
@@ -183,6 +213,8 @@ def main() -> None:
             ask_without_a_chart(asked.runs)
         elif name == ALONE:
             ask_alone(asked.runs, asked.processes)
+        elif name == SPEED:
+            ask_speed(asked.runs)
         else:
             ask(QUESTIONS[name], asked.runs, asked.processes)
 
