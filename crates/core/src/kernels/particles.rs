@@ -11,14 +11,16 @@ pub const MAX_LINEAR: usize = 4;
 
 /// One propagation step, everything that is common to all particles.
 ///
-/// With F the 2 × K map from linear states to displacement and S = F P Fᵀ + Q (5)–(8): `root` = chol(S) (lower),
-/// `gain` = P Fᵀ S⁻¹, `map` = F.
+/// With F the 2 × K map from linear states to displacement and S = F P Fᵀ + Q (5)–(8): `innovation_m2` = S,
+/// `root` = chol(S) (lower), `gain` = P Fᵀ S⁻¹, `map` = F.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step<const K: usize> {
     /// Commanded displacement, m.
     pub displacement_m: [f64; 2],
     /// F.
     pub map: [[f64; K]; 2],
+    /// S as [ee, en, nn].
+    pub innovation_m2: [f64; 3],
     /// Lower Cholesky factor [l11, l21, l22] of S.
     pub root: [f64; 3],
     /// P Fᵀ S⁻¹, K rows.
@@ -76,10 +78,12 @@ pub fn prepare_step<const K: usize>(
     for (k, row) in rows.iter_mut().enumerate() {
         *row = [gain[(k, 0)], gain[(k, 1)]];
     }
+    let innovation_m2 = [s[(0, 0)], s[(0, 1)], s[(1, 1)]];
     Step {
         displacement_m: [velocity_mps[0] * dt_s, velocity_mps[1] * dt_s],
         map,
-        root: cholesky_2x2([s[(0, 0)], s[(0, 1)], s[(1, 1)]]),
+        innovation_m2,
+        root: cholesky_2x2(innovation_m2),
         gain: rows,
     }
 }

@@ -11,7 +11,7 @@ use super::{Estimate, Outcome, Particles, Status};
 use crate::cloud::Cloud;
 use crate::error::{Error, non_negative};
 use crate::event::{Event, Payload, VehicleId};
-use crate::kernels::particles::{MAX_LINEAR, displacement_map, prepare_step};
+use crate::kernels::particles::{MAX_LINEAR, Step, displacement_map, prepare_step};
 use crate::kernels::weights::{known_share, weighted_covariance};
 use crate::link::{ReceiveWindow, Sequencer, range_m, slant_to_horizontal};
 use crate::noise::{Purpose, Stream, Streams};
@@ -434,16 +434,17 @@ impl<const K: usize> ParticleCore<K> {
         self.streams.at(purpose, self.step)
     }
 
-    /// Propagates every particle to `t_ns` with the velocity in force (5)–(8).
-    pub fn advance(&mut self, t_ns: i64) {
+    /// Propagates every particle to `t_ns` with the velocity in force (5)–(8); the step that they made, if any.
+    pub fn advance(&mut self, t_ns: i64) -> Option<Step<K>> {
         let Some(trajectory) = &self.trajectory else {
             self.trajectory = Some(Trajectory::new(t_ns));
-            return;
+            return None;
         };
         let dt_s = seconds(t_ns.saturating_sub(trajectory.now_ns()));
         if dt_s <= 0.0 {
-            return;
+            return None;
         }
+        let mut made = None;
         let mut mean_step = [self.velocity_mps[0] * dt_s, self.velocity_mps[1] * dt_s];
         if self.started() {
             // The segment that later soundings are strung on moves with the mean before the prediction.
@@ -461,16 +462,12 @@ impl<const K: usize> ParticleCore<K> {
             );
             let stream = self.next_stream(Purpose::Process);
             self.cloud.propagate(&step, &stream);
+            made = Some(step);
         }
         if let Some(trajectory) = &mut self.trajectory {
             trajectory.advance(t_ns, mean_step);
         }
-    }
-
-    /// Process noise of the position over `dt_s`, [ee, en, nn], m².
-    #[must_use]
-    pub fn position_walk(&self, dt_s: f64) -> [f64; 3] {
-        self.drift.position_walk(dt_s)
+        made
     }
 
     /// Starts at the first fix; later ones weigh the particles.

@@ -8,9 +8,8 @@
 use nalgebra::{Matrix2, SMatrix};
 use serde::{Deserialize, Serialize};
 
-use super::super::common::ParticleCore;
 use crate::event::VehicleId;
-use crate::kernels::particles::{displacement_map, gather};
+use crate::kernels::particles::{Step, gather};
 
 /// The way that the current took each particle, and where that stood at each teammate's last packet.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -23,8 +22,9 @@ pub struct CommonCurrent<const K: usize> {
     cross: SMatrix<f64, 2, K>,
     elapsed_s: f64,
     at: Vec<Option<Then>>,
+    /// The current of each particle before a step.
     #[serde(skip)]
-    before: Before<K>,
+    before: [Vec<f64>; 2],
 }
 
 /// The way at the launch of a teammate's last packet.
@@ -35,13 +35,8 @@ struct Then {
     elapsed_s: f64,
 }
 
-/// The current before a step.
-#[derive(Debug, Clone, Default)]
-struct Before<const K: usize> {
-    current: [Vec<f64>; 2],
-    covariance: Option<SMatrix<f64, K, K>>,
-    velocity_mps: [f64; 2],
-}
+/// Over a shorter time the mean current is the current, s.
+const LEAST_SPAN_S: f64 = 0.5;
 
 impl<const K: usize> CommonCurrent<K> {
     /// Nothing yet.
@@ -53,28 +48,33 @@ impl<const K: usize> CommonCurrent<K> {
             cross: SMatrix::zeros(),
             elapsed_s: 0.0,
             at: vec![None; vehicles],
-            before: Before::default(),
+            before: Default::default(),
         }
     }
 
-    /// The particles as they stand before a step.
-    pub fn before(&mut self, core: &ParticleCore<K>) {
-        for (kept, current) in self.before.current.iter_mut().zip(&core.cloud.linear) {
+    /// The linear states as they stand before a step.
+    pub fn before(&mut self, linear: &[Vec<f64>; K]) {
+        for (kept, current) in self.before.iter_mut().zip(linear) {
             kept.clear();
             kept.extend_from_slice(current);
         }
-        self.before.covariance = core.started().then_some(core.covariance);
-        self.before.velocity_mps = core.velocity_mps;
     }
 
-    /// The step of `dt_s` that the particles have made since.
-    pub fn after(&mut self, core: &ParticleCore<K>, dt_s: f64) {
+    /// The `step` of `dt_s` that the particles have made since, none before they have a place; `covariance` is that of the
+    /// linear states before it.
+    pub fn after(
+        &mut self,
+        linear: &[Vec<f64>; K],
+        covariance: &SMatrix<f64, K, K>,
+        step: Option<&Step<K>>,
+        dt_s: f64,
+    ) {
         self.elapsed_s += dt_s;
-        let Some(covariance) = self.before.covariance.filter(|_| dt_s > 0.0) else { return };
-        let back = self.correct(&covariance, dt_s, core.position_walk(dt_s));
+        let Some(step) = step else { return };
+        let back = self.correct(covariance, step, dt_s);
         let [east, north] = &mut self.way;
-        let now = core.cloud.linear[0].iter().zip(&core.cloud.linear[1]);
-        let before = self.before.current[0].iter().zip(&self.before.current[1]);
+        let now = linear[0].iter().zip(&linear[1]);
+        let before = self.before[0].iter().zip(&self.before[1]);
         for ((east, north), ((e1, n1), (e0, n0))) in east.iter_mut().zip(north).zip(now.zip(before)) {
             let (de, dn) = (e1 - e0, n1 - n0);
             *east += dt_s * e0 + back.m11 * de + back.m12 * dn;
@@ -83,22 +83,17 @@ impl<const K: usize> CommonCurrent<K> {
     }
 
     /// Moves the covariances on; what a change of the current by the step's displacement says of the way so far, m/(m/s).
-    fn correct(&mut self, covariance: &SMatrix<f64, K, K>, dt_s: f64, walk_m2: [f64; 3]) -> Matrix2<f64> {
-        let map = displacement_map::<K>(self.before.velocity_mps, dt_s);
-        let f = SMatrix::<f64, 2, K>::from_fn(|r, c| map[r][c]);
-        let [ee, en, nn] = walk_m2;
-        let currents = covariance.fixed_view::<2, K>(0, 0);
+    fn correct(&mut self, covariance: &SMatrix<f64, K, K>, step: &Step<K>, dt_s: f64) -> Matrix2<f64> {
         let grown = self.cross.fixed_view::<2, 2>(0, 0) * dt_s;
         self.variance += grown + grown.transpose() + covariance.fixed_view::<2, 2>(0, 0) * (dt_s * dt_s);
-        self.cross += currents * dt_s;
-        let Some(inverse) = (f * covariance * f.transpose() + Matrix2::new(ee, en, en, nn)).try_inverse()
-        else {
-            return Matrix2::zeros();
-        };
+        self.cross += covariance.fixed_view::<2, K>(0, 0) * dt_s;
+        let [ee, en, nn] = step.innovation_m2;
+        let Some(inverse) = Matrix2::new(ee, en, en, nn).try_inverse() else { return Matrix2::zeros() };
+        let f = SMatrix::<f64, 2, K>::from_fn(|r, c| step.map[r][c]);
         let seen = self.cross * f.transpose();
-        let current_gain = currents * f.transpose() * inverse;
         self.variance -= seen * inverse * seen.transpose();
         self.cross -= seen * inverse * (f * covariance);
+        let current_gain = Matrix2::from_fn(|r, c| step.gain[r][c]);
         // Who is certain of the current learns nothing of it.
         current_gain.try_inverse().map_or_else(Matrix2::zeros, |innovation| seen * inverse * innovation)
     }
@@ -139,12 +134,13 @@ impl<const K: usize> CommonCurrent<K> {
             let columns = self.way[axis].iter().zip(&linear[axis]).zip(&mut kept.way[axis]);
             for (out, ((way, current), kept)) in mean[axis].iter_mut().zip(columns) {
                 let then = way - ago_s * current;
-                *out = if span_s > 0.5 { (then - *kept) / span_s } else { *current };
+                *out = if span_s > LEAST_SPAN_S { (then - *kept) / span_s } else { *current };
                 *kept = then;
             }
         }
         let variance_m2 = 0.5 * self.variance.trace();
-        let walk = if span_s > 0.5 { (variance_m2 - kept.variance_m2).max(0.0) / span_s } else { 0.0 };
+        let walk =
+            if span_s > LEAST_SPAN_S { (variance_m2 - kept.variance_m2).max(0.0) / span_s } else { 0.0 };
         (kept.elapsed_s, kept.variance_m2) = (then_s, variance_m2);
         walk
     }
@@ -154,8 +150,9 @@ impl<const K: usize> CommonCurrent<K> {
 mod tests {
     use nalgebra::{DMatrix, DVector};
 
-    use super::super::super::common::Drift;
+    use super::super::super::common::{Drift, ParticleCore};
     use super::*;
+    use crate::kernels::particles::displacement_map;
     use crate::noise::Streams;
 
     const PARTICLES: usize = 12;
@@ -223,10 +220,11 @@ mod tests {
         for (dt_s, velocity) in steps() {
             core.velocity_mps = velocity;
             let at = [core.cloud.east.clone(), core.cloud.north.clone()];
-            common.before(&core);
+            common.before(&core.cloud.linear);
+            let covariance = core.covariance;
             t_s += dt_s;
-            core.advance((t_s * 1e9) as i64);
-            common.after(&core, dt_s);
+            let step = core.advance((t_s * 1e9) as i64);
+            common.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
             for (i, moved) in moved.iter_mut().enumerate() {
                 moved.push([core.cloud.east[i] - at[0][i], core.cloud.north[i] - at[1][i]]);
             }

@@ -197,18 +197,20 @@ impl<const K: usize> Team<K> {
     /// The own particles make a step, and what must know of it is told.
     fn advance(&mut self, t_ns: i64) {
         let core = &mut self.mpf.state.core;
-        let Some(before_ns) = core.now_ns() else { return core.advance(t_ns) };
-        if t_ns == before_ns {
+        let Some(before_ns) = core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
+            core.advance(t_ns);
             return;
-        }
+        };
+        let covariance = core.covariance;
         if let Some(current) = &mut self.state.current {
-            current.before(core);
+            current.before(&core.cloud.linear);
         }
-        core.advance(t_ns);
+        let step = core.advance(t_ns);
         if let Some(current) = &mut self.state.current {
-            current.after(core, seconds(t_ns - before_ns));
+            let dt_s = seconds(t_ns - before_ns);
+            current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
         }
-        if core.started() && self.options.use_ranges {
+        if step.is_some() && self.options.use_ranges {
             self.state.past.remember(t_ns, &core.cloud.east, &core.cloud.north);
         }
     }
