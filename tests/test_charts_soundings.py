@@ -215,6 +215,7 @@ SQUARE = HEADER + "0,0,3\n90,0,3\n0,90,3\n90,90,3\n"
         (HEADER + ",,\n", {}, "holds no sounding with a position and a depth"),
         (HEADER + "1,2,3\n2,3,4\n", {}, "2 soundings are too few for a chart: at least 4"),
         (HEADER + "".join(f"{k},{k},5\n" for k in range(50)), {"cell_m": 1.0}, "lie on one line"),
+        (HEADER + "1,1,5\n1,8,6\n8,1,7\n8,8,8\n", {"cell_m": 10.0}, "1 cells with soundings are too few for a chart"),
         (HEADER + "1,2,3\n" * 4, {"crs": "EPSG:4326"}, "but crs='EPSG:4326' is in degrees"),
         ("lon,lat,depth\n1,2,3\n", {"crs": "EPSG:32654"}, "longitudes and latitudes, which crs='EPSG:32654'"),
         ("lat,lon,depth\n139.6,35.1,9\n", {}, "latitude 139.6 deg is outside -90 to 90 deg: are"),

@@ -56,6 +56,8 @@ def distance(soundings: tuple[Values, Values], at: tuple[Values, Values], bound_
 
 def hull(east: Values, north: Values) -> Any:
     """The convex hull of positions, which must not lie on one line."""
+    if east.size < 3:
+        raise ChartError(f"{east.size} cells with soundings are too few for a chart: at least 3")
     try:
         return spatial().ConvexHull(np.column_stack([east, north]))
     except spatial().QhullError as error:
