@@ -12,7 +12,6 @@ channel gets better with distance, so what is fitted never rises. Recipe:
 from __future__ import annotations
 
 import csv
-import gzip
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,10 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.errors import ScenarioError
+from uwcoop.importers.bounded import refused, text_lines
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import TextIO
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -100,17 +99,13 @@ def read_reception(
     if (received is None) != (sent is None) or (share is not None and sent is not None):
         raise ScenarioError(f"{where}: needs a column of shares, or those of signals received and sent")
     names = [distance, received, sent] if received and sent else [distance, share or "share"]
-    try:
-        with _opened(Path(file)) as handle:
-            reader = csv.DictReader(handle)
-            for name in names:
-                if name not in (reader.fieldnames or []):
-                    known = ", ".join(reader.fieldnames or []) or "none"
-                    raise ScenarioError(f"{where} has no column {name!r}: it has {known}")
-            rows = [[_number(row, name, where, reader.line_num) for name in names] for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise ScenarioError(f"{where} cannot be read: {reason}") from error
+    with refused(ScenarioError, where):
+        reader = csv.DictReader(text_lines(file))
+        for name in names:
+            if name not in (reader.fieldnames or []):
+                known = ", ".join(reader.fieldnames or []) or "none"
+                raise ScenarioError(f"{where} has no column {name!r}: it has {known}")
+        rows = [[_number(row, name, where, reader.line_num) for name in names] for row in reader]
     columns = np.array(rows, dtype=np.float64).reshape(-1, len(names)).T
     try:
         if sent is None:
@@ -182,12 +177,6 @@ def logistic_share(half_m: float, width_m: float, distance_m: ArrayLike) -> Arra
     """1 / (1 + exp((d - half) / width)) at any distances."""
     odds = (np.asarray(distance_m, dtype=np.float64) - half_m) / width_m
     return np.asarray(1 / (1 + np.exp(np.clip(odds, -500, 500))))
-
-
-def _opened(file: Path) -> TextIO:
-    if file.suffix == ".gz":
-        return gzip.open(file, "rt", encoding="utf-8", newline="")
-    return file.open(encoding="utf-8", newline="")
 
 
 def _number(row: dict[str, str], name: str, where: str, line: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +33,8 @@ __all__ = ["RunResult", "native_mission", "replay_for", "run", "sample_times_ns"
 
 SETTLE_S = 50.0
 """For logs that name no scenario: errors count after this time."""
+_RECORD_BYTES = 150
+"""Of one navigator's record, at each instant of a vehicle: mean, covariance, pose, diagnostics."""
 CLOUD_EVERY = 10
 """Particles are kept at every so many instants of the record (10 keeps a mission's replay near 4 MB)."""
 
@@ -142,7 +145,17 @@ def native_mission(log: MissionLog) -> _native.Mission:
 
 
 def sample_times_ns(log: MissionLog) -> NDArray[np.int64]:
-    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival."""
+    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival.
+
+    Raises:
+        LogError: a duration whose record does not fit into this machine's memory.
+    """
+    least_bytes = log.duration_ns // 1_000_000_000 * len(log.vehicles) * _RECORD_BYTES
+    if least_bytes > (memory_bytes := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
+        raise LogError(
+            f"mission {log.name!r} lasts {log.duration_ns / 1e9:g} s: its record at 1 Hz takes at least "
+            f"{least_bytes / 1e9:.0f} GB, this machine has {memory_bytes / 1e9:.0f} GB"
+        )
     grid = np.arange(0, log.duration_ns + 1, 1_000_000_000, dtype=np.int64)
     arrivals = [table["toa_ns"] for table in (log.opportunities, log.receptions) if table]
     times = np.unique(np.concatenate([grid, *arrivals]).astype(np.int64))

@@ -29,6 +29,7 @@ __all__ = [
     "LINE_LIMIT_BYTES",
     "READ_LIMIT_BYTES",
     "ReadLimitError",
+    "beyond",
     "inflate_lz4",
     "inflate_zstd",
     "open_binary",

@@ -57,6 +57,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from uwcoop.errors import ChartError, LogError
 from uwcoop.frames import Origin
+from uwcoop.importers.bounded import refuse_irregular, refused
 from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
 from uwcoop.missionlog.messages import definition, typestore
 from uwcoop.missionlog.model import Link, MissionLog
@@ -111,15 +112,15 @@ def load_log(path: str | os.PathLike[str], chart: Chart | None = None) -> Missio
             belongs to another chart. One line that names the file.
     """
     source = Path(path)
-    try:
+    with refused(LogError, f"log {source}"):
+        refuse_irregular(source)
+        # As long as it is: what a log holds in memory is bounded by what it is on disk (`container`).
         content = source.read_bytes()
-    except OSError as error:
-        raise LogError(f"log {source} cannot be read: {error.strerror or error}") from error
-    try:
-        log = _assemble(container.parse(content), chart)
-        validate(log)
-    except LogError as error:
-        raise LogError(f"log {source}: {error}") from error
+        try:
+            log = _assemble(container.parse(content), chart)
+            validate(log)
+        except LogError as error:
+            raise LogError(f"log {source}: {error}") from error
     return log
 
 
@@ -218,9 +219,9 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
         if about["truth"] is not None:
             log.truth = truth.decode_truth(file.messages, names, about["truth"])
         log.chart = _chart(file, about["chart"], chart)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, LogError):
-            raise
+    except LogError:
+        raise
+    except Exception as error:  # values of other kinds than ours, deep inside
         raise LogError(f"metadata is not what this version writes: {_what(error)}") from error
     return log
 
@@ -235,7 +236,7 @@ def _about(file: container.Contents) -> dict[str, Any]:
         )
     try:
         about = {key: json.loads(value) for key, value in record.items()}
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise LogError(f"metadata is not JSON: {error}") from error
     if about.get("format") != _FORMAT:
         raise LogError(f"format {about.get('format')!r} is unknown: this version reads {_FORMAT!r}")

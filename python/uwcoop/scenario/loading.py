@@ -14,12 +14,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from uwcoop.errors import ScenarioError
+from uwcoop.importers.bounded import read_text, refused
 from uwcoop.scenario.base import nearest
 from uwcoop.scenario.chart import SYNTHETIC, ChartSpec
 from uwcoop.scenario.models import Scenario
 from uwcoop.scenario.validation_message import one_line
 
 _PACKAGE = files("uwcoop.scenario") / "packaged_scenarios"
+_SCENARIO_LIMIT_BYTES = 4 * 2**20  # tomllib takes up to 100 bytes of memory for each byte of nested brackets
 _BARE_WORD = re.compile(r"[A-Za-z][\w:./-]*")
 
 
@@ -126,7 +128,7 @@ def alternatives(override: str) -> tuple[str, list[Any]]:
     dotted, text = _halves(override)
     try:
         parsed = tomllib.loads(f"value = [{text}]")
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = {}
     if parsed.keys() == {"value"}:
         values = list(parsed["value"])
@@ -149,7 +151,7 @@ def _halves(override: str) -> tuple[str, str]:
 def _value(text: str, override: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = {}
     if parsed.keys() == {"value"}:
         return parsed["value"]
@@ -201,12 +203,9 @@ def _packaged_table(name: str) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
+    with refused(ScenarioError, f"scenario {path}"):
+        text = read_text(path, _SCENARIO_LIMIT_BYTES)
         table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise ScenarioError(f"scenario {path} cannot be read: {reason}") from error
     if not isinstance(table, dict):
         raise ScenarioError(f"scenario {path} cannot be read: it is not a table")
     return table

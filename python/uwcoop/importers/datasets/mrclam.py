@@ -9,7 +9,6 @@ stops while another has just stood still.
 
 from __future__ import annotations
 
-import gzip
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,7 +23,9 @@ from uwcoop.acoustics.modem import MODEMS
 from uwcoop.errors import LogError
 from uwcoop.evaluation.pose_tracks import true_yaw_rad
 from uwcoop.frames import turned, wrap_angle
+from uwcoop.importers.bounded import refuse_array, refused, text_lines
 from uwcoop.missionlog.model import Columns, Link, MissionLog, event_columns
+from uwcoop.missionlog.validate import validate
 from uwcoop.scenario.base import NonNegative, Positive, Probability, Table
 from uwcoop.scenario.validation_message import one_line
 from uwcoop.world.random_streams import Purpose, stream
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 RATE_HZ = 5
 """Of the log's odometry and truth."""
+_VALUES_PER_SAMPLE = 30
+"""So many numbers are held for each sample of a robot, truth and intermediate results included."""
 BARCODES = "Barcodes.dat"
 ROOM_M = 15.0
 """Where a range that is an outlier may lie: the arena's size."""
@@ -123,12 +126,15 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
         raise LogError(
             f"mrclam {path}: robot {told.landmark} and the others do not see each other in this time"
         )
+    with refused(LogError, f"mrclam {path}"):
+        samples = math.floor((end_s - start_s) * RATE_HZ)
+        refuse_array("a mission", (1 + len(movers), samples, _VALUES_PER_SAMPLE), 8)
     times_s = start_s + np.arange(math.floor((end_s - start_s) * RATE_HZ) + 1) / RATE_HZ
     frame = _pose(landmark, np.array([start_s]))[0]
     team = (told.landmark, *movers)
     poses = np.stack([_in_frame(frame, _pose(robots[r], times_s)) for r in team])
     poses[0] = 0.0  # it stands, also where its recording of the truth ends before it does
-    return MissionLog(
+    log = MissionLog(
         name=f"mrclam-{path.resolve().name}",
         seed=seed,
         vehicles=tuple(f"R{r}" for r in team),
@@ -138,6 +144,8 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
         scenario=_scenario(told),
         truth=_truth([f"R{r}" for r in team], poses),
     )
+    validate(log)
+    return log
 
 
 def _span(landmark: _Robot, told: MrclamOptions, where: str) -> tuple[float, float]:
@@ -344,14 +352,14 @@ def _rows(folder: Path, name: str, columns: int) -> Array:
 @lru_cache(maxsize=32)
 def _read(path: Path, _changed_ns: int, columns: int) -> Array:
     # A study reads the same data set for each of its missions; an edited file is read again.
-    try:
-        with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
-            text = file.read()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise LogError(f"mrclam {path}: cannot be read: {' '.join(str(error).split())}") from error
-    lines = [
-        (k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"
-    ]
+    with refused(LogError, f"mrclam {path}"):
+        lines = [
+            (k, line)
+            for k, line in enumerate(text_lines(path), 1)
+            if line.strip() and line.lstrip()[0] != "#"
+        ]
+    if not lines:
+        raise LogError(f"mrclam {path}: holds no rows of {columns} numbers")
     try:
         rows = np.loadtxt([line for _, line in lines], dtype=np.float64, ndmin=2)
     except ValueError:
