@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -19,13 +20,16 @@ if TYPE_CHECKING:
 
 
 class OneLineErrors(TyperGroup):
-    """Bad input ends in one line on stderr and exit code 2; what is not expected keeps its traceback."""
+    """Bad input ends in one line on stderr and exit code 2, SIGINT in one and 130, SIGTERM in one and 143; what is not
+    expected keeps its traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         from uwcoop.errors import UwcoopError
+        from uwcoop.report.interruption import Interrupted, caught
 
         try:
-            return super().invoke(ctx)
+            with caught():
+                return super().invoke(ctx)
         except BrokenPipeError:
             raise  # `uwcoop … | head` is no error: click ends quietly
         except UwcoopError as error:
@@ -33,9 +37,10 @@ class OneLineErrors(TyperGroup):
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             fail(f"{where}{error.strerror or error}")
-        except KeyboardInterrupt:
-            say("interrupted")
-            raise typer.Exit(130) from None
+        except KeyboardInterrupt as stop:
+            number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
+            say("terminated" if number == signal.SIGTERM else "interrupted")
+            raise typer.Exit(128 + number) from None
 
 
 def names_of(listed: str | None) -> list[str] | None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +37,8 @@ SETTLE_S = 50.0
 """For logs that name no scenario: errors count after this time."""
 _RECORD_BYTES = 150
 """Of one navigator's record, at each instant of a vehicle: mean, covariance, pose, diagnostics."""
+_STEPS = 500
+"""A replay is interrupted after so small a part of the mission at the latest."""
 CLOUD_EVERY = 10
 """Particles are kept at every so many instants of the record (10 keeps a mission's replay near 4 MB)."""
 
@@ -107,15 +111,9 @@ def run(
         replay_for(log, native, navigator, shared, filter_seed, sample_ns, CLOUD_EVERY if clouds else 0)
         for navigator in chosen
     ]
-    if threads == 1:
-        for name, replay in zip(names, replays, strict=True):
-            replay.run()
-            if progress:
-                progress(name)
-    else:
-        _native.run_all(replays, threads)
-        for name in names if progress else ():
-            progress(name)  # type: ignore[misc]
+    for k in _replayed(replays, log.duration_ns, threads):
+        if progress:
+            progress(names[k])
     seconds = {name: replay.seconds for name, replay in zip(names, replays, strict=True)}
     records = [replay.tracks() for replay in replays]
     return RunResult(
@@ -126,6 +124,37 @@ def run(
         seconds=seconds,
         sent={name: _sent(native, record) for name, record in zip(names, records, strict=True)},
     )
+
+
+def _replayed(replays: Sequence[_native.Replay], duration_ns: int, threads: int) -> Iterator[int]:
+    """Replay all and give the index of each when it is done.
+
+    Each goes step by step: native code does not hear signals, the interpreter between two steps does.
+    """
+    steps_ns = [duration_ns * k // _STEPS for k in range(1, _STEPS)]
+    stopped = threading.Event()
+
+    def whole(replay: _native.Replay) -> None:
+        for until_ns in steps_ns:
+            if stopped.is_set():
+                return
+            replay.run(until_ns)
+        replay.run()
+
+    if threads == 1 or len(replays) == 1:
+        for k, replay in enumerate(replays):
+            whole(replay)
+            yield k
+        return
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        futures = {pool.submit(whole, replay): k for k, replay in enumerate(replays)}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                yield futures[future]
+        finally:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
 
 
 def native_mission(log: MissionLog) -> _native.Mission:

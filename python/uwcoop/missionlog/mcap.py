@@ -48,7 +48,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 from dataclasses import asdict
 from heapq import merge
 from importlib.metadata import PackageNotFoundError, version
@@ -62,6 +61,7 @@ from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
 from uwcoop.missionlog.messages import definition, typestore
 from uwcoop.missionlog.model import Link, MissionLog
 from uwcoop.missionlog.validate import validate
+from uwcoop.report.atomic_files import atomic_write
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -88,17 +88,11 @@ def write_log(log: MissionLog, path: str | os.PathLike[str]) -> None:
     streams = [*topics.encode(log), *acoustic_topics.encode_acoustics(log)]
     streams += [*copies.encode_copies(log), *truth.encode_truth(log)]
     metadata = _metadata(log)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
-        with temporary.open("xb") as file:
+        with atomic_write(target) as partial, partial.open("xb") as file:
             _write(file, streams, metadata, log.chart)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
     except OSError as error:
         raise LogError(f"log {target} cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def load_log(path: str | os.PathLike[str], chart: Chart | None = None) -> MissionLog:
