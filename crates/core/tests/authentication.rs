@@ -10,14 +10,14 @@ use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload};
 use uwcoop_core::information::replica::Methods;
 use uwcoop_core::link::{Authenticator, ReplayGuard};
+use uwcoop_core::navigator::authenticated::Authenticated;
 use uwcoop_core::navigator::origin::interleaved::{Interleaved, InterleavedOptions};
-use uwcoop_core::navigator::origin::local::LocalOptions;
+use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
-use uwcoop_core::navigator::sealed::Sealed;
 use uwcoop_core::navigator::team::TeamOptions;
 use uwcoop_core::navigator::{Navigator, Outcome};
 use uwcoop_core::packet::graph::GraphForm;
-use uwcoop_core::packet::{PacketKind, seal};
+use uwcoop_core::packet::{PacketKind, append_crc};
 use world::fleet::{team_of, team_options};
 use world::*;
 
@@ -33,8 +33,8 @@ fn authenticator(tag_bytes: usize) -> Authenticator {
     Authenticator::new(&KEY, tag_bytes, 7).unwrap()
 }
 
-fn sealed(navigator: Boxed, own: u16, tag_bytes: usize) -> Sealed<Boxed> {
-    Sealed::new(navigator, own, TEAM, authenticator(tag_bytes))
+fn authenticated(navigator: Boxed, own: u16, tag_bytes: usize) -> Authenticated<Boxed> {
+    Authenticated::new(navigator, own, TEAM, authenticator(tag_bytes))
 }
 
 /// Small navigators of every kind of packet, by name; their clouds are small because fuzzing snapshots them.
@@ -86,11 +86,11 @@ fn interleaved(own: u16) -> Interleaved {
 }
 
 /// Two members of a team that has been under way for twenty seconds.
-fn pair(index: usize, tag_bytes: usize) -> (Sealed<Boxed>, Sealed<Boxed>) {
+fn pair(index: usize, tag_bytes: usize) -> (Authenticated<Boxed>, Authenticated<Boxed>) {
     let (mut peer, mut own) = (kinds(PEER).remove(index).1, kinds(OWN).remove(index).1);
     warm_up(peer.as_mut(), PEER);
     warm_up(own.as_mut(), OWN);
-    (sealed(peer, PEER, tag_bytes), sealed(own, OWN, tag_bytes))
+    (authenticated(peer, PEER, tag_bytes), authenticated(own, OWN, tag_bytes))
 }
 
 fn heard(sender: u16, tol_ns: i64, bytes: &[u8]) -> Event {
@@ -112,7 +112,7 @@ fn tags_are_those_of_rfc_4231() {
 
     let derived = mac(&KEY, &[b"uwcoop packet tag 1", &[8], &7u64.to_be_bytes()]);
     let want = mac(&derived, &[b"payload", &3u16.to_be_bytes(), &(-5i64).to_be_bytes()]);
-    let bytes = authenticator(8).seal(b"payload", 3, -5);
+    let bytes = authenticator(8).append_tag(b"payload", 3, -5);
     assert_eq!(bytes, [b"payload".as_slice(), &want[..8]].concat());
 }
 
@@ -120,12 +120,12 @@ fn tags_are_those_of_rfc_4231() {
 fn a_tag_is_good_for_one_key_mission_length_sender_and_slot() {
     for tag_bytes in [4, 8] {
         let right = authenticator(tag_bytes);
-        let bytes = right.seal(b"fifteen bytes..", 2, 9 * SECOND);
+        let bytes = right.append_tag(b"fifteen bytes..", 2, 9 * SECOND);
         assert_eq!(bytes.len(), 15 + tag_bytes);
-        assert_eq!(right.open(&bytes, 2, 9 * SECOND).unwrap(), b"fifteen bytes..");
+        assert_eq!(right.check_tag(&bytes, 2, 9 * SECOND).unwrap(), b"fifteen bytes..");
         for (sender, tol_ns) in [(1, 9 * SECOND), (2, 9 * SECOND + 1), (2, -9 * SECOND), (u16::MAX, i64::MIN)]
         {
-            assert!(right.open(&bytes, sender, tol_ns).is_err(), "sender {sender} at {tol_ns}");
+            assert!(right.check_tag(&bytes, sender, tol_ns).is_err(), "sender {sender} at {tol_ns}");
         }
         let mut other_key = KEY;
         other_key[31] ^= 1;
@@ -134,10 +134,10 @@ fn a_tag_is_good_for_one_key_mission_length_sender_and_slot() {
             Authenticator::new(&KEY, tag_bytes, 8).unwrap(),
             authenticator(12 - tag_bytes),
         ] {
-            assert!(wrong.open(&bytes, 2, 9 * SECOND).is_err(), "{wrong:?}");
+            assert!(wrong.check_tag(&bytes, 2, 9 * SECOND).is_err(), "{wrong:?}");
         }
         for short in 0..bytes.len() {
-            assert!(right.open(&bytes[..short], 2, 9 * SECOND).is_err(), "cut to {short} bytes");
+            assert!(right.check_tag(&bytes[..short], 2, 9 * SECOND).is_err(), "cut to {short} bytes");
         }
     }
 }
@@ -168,7 +168,7 @@ fn authentic_packets_pass_once_with_every_kind_of_packet() {
             let mut plain = plain;
             warm_up(plain.as_mut(), OWN);
             let stripped = bytes[..bytes.len() - tag_bytes].to_vec();
-            let stripped = seal(stripped, PEER, NOW + SECOND);
+            let stripped = append_crc(stripped, PEER, NOW + SECOND);
             assert_eq!(plain.handle(&heard(PEER, NOW + SECOND, &stripped)).unwrap(), said, "{name}");
             assert_eq!(own.inner().snapshot().unwrap(), plain.snapshot().unwrap(), "{name}");
 
@@ -251,7 +251,7 @@ fn a_snapshot_holds_the_counters_and_not_the_key() {
     );
 
     let before = resumed.snapshot().unwrap();
-    let mut smaller = Sealed::new(kinds(OWN).remove(0).1, OWN, TEAM - 1, authenticator(8));
+    let mut smaller = Authenticated::new(kinds(OWN).remove(0).1, OWN, TEAM - 1, authenticator(8));
     assert!(smaller.restore(&snapshot).is_err());
     for spoilt in [&snapshot[..snapshot.len() / 2], &[], &[0xFF; 40]] {
         assert!(resumed.restore(spoilt).is_err());
@@ -289,7 +289,7 @@ impl Random {
     }
 }
 
-/// A packet that nobody sealed: an authentic one altered, cut, lengthened, moved to another slot or sender, or noise.
+/// A packet that nobody with the key tagged: an authentic one altered, cut, lengthened, moved to another slot or sender, or noise.
 fn forged(random: &mut Random, known: &[(u16, i64, Arc<[u8]>)]) -> (u16, i64, Vec<u8>) {
     let (mut sender, mut tol_ns, bytes) = known[random.below(known.len())].clone();
     let mut bytes = bytes.to_vec();

@@ -8,8 +8,8 @@ use std::sync::Arc;
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::link::LinkConfig;
-use uwcoop_core::navigator::{Estimate, Navigator, Outcome, Status, TeamEstimator};
-use uwcoop_core::replay::{Mission, Replay, Team};
+use uwcoop_core::navigator::{CentralEstimator, Estimate, Navigator, Outcome, Status};
+use uwcoop_core::replay::{Estimators, Mission, Replay};
 use world::*;
 
 /// Counts what it is handed; says so from the second event on.
@@ -55,7 +55,7 @@ impl Navigator for Counter {
     }
 }
 
-impl TeamEstimator for Counter {
+impl CentralEstimator for Counter {
     fn handle(&mut self, vehicle: VehicleId, _: &Event) -> Result<Outcome, Error> {
         self.handled[usize::from(vehicle)] += 1;
         Ok(Outcome::Noted)
@@ -104,8 +104,8 @@ fn same(found: &[f64], expected: &[f64]) -> bool {
 
 #[test]
 fn every_name_becomes_a_column_of_vehicles_by_samples() {
-    let each = Team::Each(vec![Box::new(Counter::default()), Box::new(Counter::default())]);
-    let central = Team::Central(Box::new(Counter::default()));
+    let each = Estimators::Each(vec![Box::new(Counter::default()), Box::new(Counter::default())]);
+    let central = Estimators::Central(Box::new(Counter::default()));
     for team in [each, central] {
         let mut replay = Replay::new(mission(), team, samples(), 0).unwrap();
         replay.run().unwrap();
@@ -119,7 +119,7 @@ fn every_name_becomes_a_column_of_vehicles_by_samples() {
 
 #[test]
 fn they_survive_a_snapshot_of_the_replay() {
-    let team = || Team::Each(vec![Box::<Counter>::default(), Box::<Counter>::default()]);
+    let team = || Estimators::Each(vec![Box::<Counter>::default(), Box::<Counter>::default()]);
     let mut first = Replay::new(mission(), team(), samples(), 0).unwrap();
     first.run_until(5 * SECOND / 2).unwrap();
     let mut second = Replay::new(mission(), team(), samples(), 0).unwrap();

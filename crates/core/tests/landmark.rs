@@ -11,20 +11,20 @@ use uwcoop_core::navigator::landmark::{Landmark, LandmarkOptions, LandmarkPaper}
 use uwcoop_core::navigator::{Navigator, Outcome, Status};
 use uwcoop_core::packet::landmark::ExchangeSize;
 
-type Team = Vec<Box<dyn Navigator>>;
+type Fleet = Vec<Box<dyn Navigator>>;
 
-fn robust(vehicles: usize) -> Team {
+fn robust(vehicles: usize) -> Fleet {
     let one = |v: usize| Landmark::new(v as u16, vehicles, robust_options(), 3).unwrap();
     (0..vehicles).map(|v| Box::new(one(v)) as Box<dyn Navigator>).collect()
 }
 
-fn paper(vehicles: usize, particles: usize) -> Team {
+fn paper(vehicles: usize, particles: usize) -> Fleet {
     let one = |v: usize| LandmarkPaper::new(v as u16, vehicles, paper_options(particles), 3).unwrap();
     (0..vehicles).map(|v| Box::new(one(v)) as Box<dyn Navigator>).collect()
 }
 
 /// Three legs and two exchanges; the mission's vehicles and world.
-fn mission(mut team: Team, seed: u64, lose: &[usize]) -> (Seafloor, Team) {
+fn mission(mut team: Fleet, seed: u64, lose: &[usize]) -> (Seafloor, Fleet) {
     let mut sea = Seafloor::new(team.len(), seed);
     sea.start(&mut team);
     sea.leg(150, 0, &mut team);
@@ -84,7 +84,7 @@ fn packets_that_are_damaged_old_or_another_size_are_rejected_and_change_nothing_
         let mut sea = Seafloor::new(2, 5);
         let mut mover = robust(2).remove(1);
         {
-            let mut pair: Team = vec![navigator, mover];
+            let mut pair: Fleet = vec![navigator, mover];
             sea.start(&mut pair);
             sea.leg(60, 0, &mut pair);
             pair[1].handle(&event(sea.t_ns, 1, Payload::Landed)).unwrap();
@@ -138,7 +138,7 @@ fn a_repeated_packet_is_as_good_as_one() {
 fn events_that_no_honest_source_sends_change_nothing() {
     for (name, mut navigator) in navigators(1, 2) {
         let mut sea = Seafloor::new(2, 8);
-        let mut team: Team = vec![robust(2).remove(0), navigator];
+        let mut team: Fleet = vec![robust(2).remove(0), navigator];
         sea.start(&mut team);
         sea.leg(30, 0, &mut team);
         navigator = team.remove(1);
@@ -192,7 +192,7 @@ fn number(navigator: &dyn Navigator, name: &str) -> f64 {
     navigator.diagnostics().into_iter().find(|d| d.0 == name).map(|d| d.1).unwrap()
 }
 
-fn of(options: LandmarkOptions, vehicles: usize) -> Team {
+fn of(options: LandmarkOptions, vehicles: usize) -> Fleet {
     let one = |v: usize| Landmark::new(v as u16, vehicles, options, 3).unwrap();
     (0..vehicles).map(|v| Box::new(one(v)) as Box<dyn Navigator>).collect()
 }
@@ -278,7 +278,7 @@ fn a_belief_that_its_packet_does_not_hold_is_not_told_and_the_mission_goes_on() 
 }
 
 /// A handover whose packet says nothing, and the old landmark's leg after it.
-fn untold(mut team: Team, seed: u64) -> (Seafloor, Team) {
+fn untold(mut team: Fleet, seed: u64) -> (Seafloor, Fleet) {
     let mut sea = Seafloor::new(2, seed);
     sea.start(&mut team);
     // Nothing was measured yet: a metre and 5° are more than 8 bytes can say.
@@ -317,7 +317,7 @@ fn an_unknown_yaw_starts_with_particles_and_ends_with_a_gaussian() {
     let fix = Payload::Fix { position_m: [0.5, -9.0], covariance_m2: [1.0, 0.0, 1.0] };
     navigator.handle(&event(0, 1, fix)).unwrap();
     let core = |n: &Landmark| n.diagnostics()[0].1;
-    let mut team: Team = vec![robust(2).remove(0), Box::new(navigator)];
+    let mut team: Fleet = vec![robust(2).remove(0), Box::new(navigator)];
     sea.leg(10, 0, &mut team);
     assert_eq!(team[1].diagnostics()[0], ("core_particles", 1.0));
     assert!(team[1].estimate(sea.t_ns).ess.is_some() && team[1].particles().is_some());
@@ -334,7 +334,7 @@ fn an_unknown_yaw_starts_with_particles_and_ends_with_a_gaussian() {
 fn a_snapshot_goes_on_as_if_nothing_had_happened() {
     for (name, navigator) in navigators(1, 2) {
         let mut sea = Seafloor::new(2, 31);
-        let mut team: Team = vec![robust(2).remove(0), navigator];
+        let mut team: Fleet = vec![robust(2).remove(0), navigator];
         sea.start(&mut team);
         sea.leg(35, 0, &mut team);
         let taken = team[1].snapshot().unwrap();
@@ -388,7 +388,7 @@ fn who_has_nothing_to_say_is_silent_and_a_slot_too_short_is_refused() {
     for (name, mut navigator) in navigators(0, 2) {
         assert!(navigator.transmit(0, 128).unwrap().is_none(), "{name}");
         let mut sea = Seafloor::new(2, 3);
-        let mut team: Team = vec![navigator, robust(2).remove(1)];
+        let mut team: Fleet = vec![navigator, robust(2).remove(1)];
         sea.start(&mut team);
         sea.leg(20, 0, &mut team);
         assert!(team[0].transmit(sea.t_ns, 128).unwrap().is_none(), "{name}: the landmark");

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::information::replica::Methods;
 use uwcoop_core::navigator::origin::deif::{Deif, Repair};
-use uwcoop_core::navigator::origin::local::LocalOptions;
+use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::navigator::{Navigator, Outcome};
 use uwcoop_core::packet::graph::GraphForm;

@@ -10,8 +10,8 @@ use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::navigator::origin::belief::{BeliefNavigator, BeliefOptions, Correlation};
 use uwcoop_core::navigator::origin::central::{Cekf, CentralOptions, Received};
 use uwcoop_core::navigator::origin::interleaved::{Interleaved, InterleavedOptions, TEAM_MOST};
-use uwcoop_core::navigator::origin::local::LocalOptions;
-use uwcoop_core::navigator::{Navigator, Outcome, TeamEstimator};
+use uwcoop_core::navigator::origin::local_options::LocalOptions;
+use uwcoop_core::navigator::{CentralEstimator, Navigator, Outcome};
 use uwcoop_core::packet::PacketKind;
 use world::*;
 
@@ -53,7 +53,7 @@ fn central() -> CentralOptions {
     }
 }
 
-fn estimators() -> Vec<Box<dyn TeamEstimator>> {
+fn estimators() -> Vec<Box<dyn CentralEstimator>> {
     vec![Box::new(Cekf::new(central()).unwrap()), Box::new(Received::new(central()).unwrap())]
 }
 

@@ -7,9 +7,9 @@ mod world;
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use uwcoop_core::cloud::Cloud;
 use uwcoop_core::kernels::weights::{weighted_covariance, weighted_mean};
-use uwcoop_core::navigator::common::ParticleCore;
+use uwcoop_core::navigator::particle_core::ParticleCore;
 use uwcoop_core::navigator::{Navigator, Status};
-use uwcoop_core::noise::{Purpose, Streams};
+use uwcoop_core::random::{Purpose, Streams};
 use world::*;
 
 /// The exact filter for position and current: what the marginalised particles stand for.

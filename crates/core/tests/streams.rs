@@ -28,7 +28,7 @@ fn number(scale: f64) -> impl Strategy<Value = f64> {
 type Damage = Option<(usize, u8)>;
 
 #[derive(Debug, Clone)]
-enum Step {
+enum Happening {
     Sensor(Payload),
     Packet { sender: u16, age_ms: i64, range_m: f64, from: [f64; 2], sequence: u8, damage: Damage },
     Transmit { capacity: usize },
@@ -50,16 +50,16 @@ fn payload() -> impl Strategy<Value = Payload> {
     ]
 }
 
-fn step() -> impl Strategy<Value = Step> {
+fn step() -> impl Strategy<Value = Happening> {
     let damage = prop_oneof![2 => Just(None), 1 => (0..15usize, 1..=255u8).prop_map(Some)];
     prop_oneof![
-        6 => payload().prop_map(Step::Sensor),
+        6 => payload().prop_map(Happening::Sensor),
         3 => (0..4u16, -500..4000i64, 0.0..600.0f64, [0.0..400.0f64, 0.0..400.0], any::<u8>(), damage).prop_map(
             |(sender, age_ms, range_m, from, sequence, damage)| {
-                Step::Packet { sender, age_ms, range_m, from, sequence, damage }
+                Happening::Packet { sender, age_ms, range_m, from, sequence, damage }
             }
         ),
-        1 => (0..64usize).prop_map(|capacity| Step::Transmit { capacity }),
+        1 => (0..64usize).prop_map(|capacity| Happening::Transmit { capacity }),
     ]
 }
 
@@ -68,10 +68,10 @@ fn gap_ms() -> impl Strategy<Value = i64> {
     prop_oneof![10 => 0..3000i64, 3 => Just(0), 1 => -2000..0i64, 1 => Just(3_600_000)]
 }
 
-fn apply(navigator: &mut dyn Navigator, t_ns: i64, step: &Step) {
+fn apply(navigator: &mut dyn Navigator, t_ns: i64, step: &Happening) {
     let event: Event = match step {
-        Step::Sensor(payload) => event(t_ns, 1, payload.clone()),
-        Step::Packet { sender, age_ms, range_m, from, sequence, damage } => {
+        Happening::Sensor(payload) => event(t_ns, 1, payload.clone()),
+        Happening::Packet { sender, age_ms, range_m, from, sequence, damage } => {
             let tol_ns = t_ns - age_ms * 1_000_000;
             let mut bytes = packet(*sender, tol_ns, *sequence, *from, 3.0).to_vec();
             if let Some((at, mask)) = damage {
@@ -79,7 +79,7 @@ fn apply(navigator: &mut dyn Navigator, t_ns: i64, step: &Step) {
             }
             reception(t_ns, 1, *sender, tol_ns, *range_m, &bytes.into())
         }
-        Step::Transmit { capacity } => {
+        Happening::Transmit { capacity } => {
             let _ = navigator.transmit(t_ns, *capacity);
             return;
         }

@@ -2,12 +2,12 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
 
 use nalgebra::{DMatrix, DVector};
+use uwcoop_core::kernels::jitter::{JitterScratch, jitter_followers};
 use uwcoop_core::kernels::lookup::{Grid, Paired, bilinear, paired};
 use uwcoop_core::kernels::team::{
-    BLOCK, JitterScratch, Joints, MapSigma, Op, Own, Prediction, Program, Terrain, jitter_followers, packed,
-    packed_len, run,
+    BLOCK, BlockUpdates, Joints, MapSigma, Op, Own, Prediction, Terrain, packed, packed_len, run,
 };
-use uwcoop_core::noise::{Purpose, Streams};
+use uwcoop_core::random::{Purpose, Streams};
 
 /// Not a multiple of the lanes.
 const COUNT: usize = 13;
@@ -77,8 +77,13 @@ impl World {
         let mut rows = vec![0.0; weighing * COUNT];
         let mut innovation = [vec![0.0; COUNT], vec![0.0; COUNT]];
         let [east, north] = &self.own;
-        let program =
-            Program { base, ops, terrain, own: Own { at: [[east, north], [north, east]] }, current: None };
+        let updates = BlockUpdates {
+            base,
+            ops,
+            terrain,
+            own: Own { at: [[east, north], [north, east]] },
+            current: None,
+        };
         let mut scratch = Vec::new();
         let mut joints = Joints {
             dim: DIM,
@@ -89,7 +94,7 @@ impl World {
             scratch: &mut scratch,
         };
         let [nu, s] = &mut innovation;
-        run(&program, &mut joints, &mut rows, &mut [nu, s]);
+        run(&updates, &mut joints, &mut rows, &mut [nu, s]);
         let means = (0..COUNT).map(|i| DVector::from_fn(DIM, |r, _| mean[r * COUNT + i])).collect();
         let covariances =
             (0..COUNT).map(|i| DMatrix::from_fn(DIM, DIM, |r, c| after[packed(r, c) * COUNT + i])).collect();

@@ -9,7 +9,7 @@ use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, VehicleId};
 use uwcoop_core::link::{LinkConfig, Slot};
 use uwcoop_core::navigator::{Estimate, Navigator, Outcome, Status};
-use uwcoop_core::replay::{Mission, Opportunity, Poll, Replay, Team, Tracks};
+use uwcoop_core::replay::{Estimators, Mission, Opportunity, Poll, Replay, Tracks};
 use world::SECOND;
 
 /// Sends 31 bytes whenever it may; says whether it wants ranges.
@@ -90,7 +90,7 @@ fn replay(polls: Vec<Poll>, takes_ranges: bool) -> Replay {
     let mission = mission().unwrap().with_polls(polls).unwrap();
     let talker = || Box::new(Talker { transmitted: 0, takes_ranges }) as Box<dyn Navigator>;
     let samples = Arc::from([0, 30 * SECOND]);
-    Replay::new(Arc::new(mission), Team::Each(vec![talker(), talker()]), samples, 0).unwrap()
+    Replay::new(Arc::new(mission), Estimators::Each(vec![talker(), talker()]), samples, 0).unwrap()
 }
 
 fn run(polls: Vec<Poll>, takes_ranges: bool) -> Tracks {

@@ -5,12 +5,12 @@ use std::sync::Mutex;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use uwcoop_core::navigator::common::Drift;
+use uwcoop_core::navigator::authenticated::Authenticated;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
+use uwcoop_core::navigator::drift::Drift;
 use uwcoop_core::navigator::mpf::{MonitorOptions, Mpf, MpfOptions};
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
-use uwcoop_core::navigator::sealed::Sealed;
 use uwcoop_core::navigator::{Estimate as CoreEstimate, Navigator as CoreNavigator, Outcome, Status};
 use uwcoop_core::packet::PacketKind;
 use uwcoop_core::packet::layout::record;
@@ -319,10 +319,10 @@ impl Navigator {
         Ok(packet.map(|bytes| PyBytes::new(py, &bytes)))
     }
 
-    /// The same navigator as `vehicle` of a team of `vehicles` that seals its packets with tags; this one is empty then.
-    fn sealed(&self, vehicle: u16, vehicles: usize, authenticator: &Authenticator) -> PyResult<Self> {
+    /// The same navigator as `vehicle` of a team of `vehicles` that tags its packets; this one is empty then.
+    fn authenticated(&self, vehicle: u16, vehicles: usize, authenticator: &Authenticator) -> PyResult<Self> {
         let inner = authenticator.inner.clone();
-        Ok(Self::of(Sealed::new(self.take()?, vehicle, vehicles, inner)))
+        Ok(Self::of(Authenticated::new(self.take()?, vehicle, vehicles, inner)))
     }
 
     /// As `transmit`, with the fields that were written: (name, bits of one, how many, scale), the scale being None or

@@ -2,7 +2,7 @@
 
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use uwcoop_core::navigator::common::Drift;
+use uwcoop_core::navigator::drift::Drift;
 use uwcoop_core::navigator::team::{Team, TeamOptions};
 
 use crate::chart::Chart;

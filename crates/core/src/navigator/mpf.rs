@@ -1,25 +1,28 @@
 //! `mpf`: the consistent marginalised particle filter. The datum offset is a further Rao–Blackwellised state, absolute
 //! depth is used once per sounding, tempered by the distance over which the chart's error stays itself, with Student
-//! tails; Liu–West on the joint state; a health monitor; ranges tempered because a fused belief is not news.
+//! tails; Liu–West on the joint state; a health monitor; ranges tempered because a belief that was fused before carries little new information.
 
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::common::{Drift, Heard, ParticleCore, Radio, check_event, load, save, seconds};
-use super::news::News;
+use super::drift::Drift;
+use super::particle_core::ParticleCore;
+use super::radio::{HeardBelief, Radio};
 use super::range::RangeOptions;
-use super::{Estimate, Navigator, Outcome, Particles};
+use super::range_novelty::RangeNovelty;
+use super::snapshot::{load, save};
+use super::{Estimate, Navigator, Outcome, Particles, check_event};
 use crate::chart::{Chart, SigmaMap};
 use crate::cloud::Cloud;
 use crate::error::{Error, non_negative, positive};
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Payload, VehicleId, seconds};
 use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
 use crate::kernels::lookup::bilinear;
 use crate::kernels::pattern::{Pattern, pattern_depths};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
-use crate::noise::{Purpose, Streams};
 use crate::packet::PacketKind;
+use crate::random::{Purpose, Streams};
 
 /// When the cloud no longer explains its soundings: an EWMA of normalised squared mean innovations.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +72,7 @@ pub struct MpfOptions {
     pub monitor: Option<MonitorOptions>,
     /// Range likelihood; none leaves ranges unused and keeps silent.
     pub range: Option<RangeOptions>,
-    /// Of a teammate's range, count only what is new since it was last heard ([`News`]).
+    /// Of a teammate's range, count only what is new since it was last heard ([`RangeNovelty`]).
     pub range_news: bool,
     /// Form of the broadcast belief.
     pub packet: PacketKind,
@@ -94,15 +97,15 @@ pub struct Mpf<const K: usize> {
     pub(super) own: VehicleId,
     pub(super) options: MpfOptions,
     pub(super) chart: Option<Arc<Chart>>,
-    pub(super) state: State<K>,
+    pub(super) state: MpfState<K>,
     scratch: Scratch,
 }
 
 #[derive(Serialize, Deserialize)]
-pub(super) struct State<const K: usize> {
+pub(super) struct MpfState<const K: usize> {
     pub(super) core: ParticleCore<K>,
     pub(super) radio: Radio,
-    news: News,
+    range_novelty: RangeNovelty,
     /// Travelled distance at the last sounding used, m.
     sounded_at_m: Option<f64>,
     health: f64,
@@ -141,10 +144,10 @@ impl<const K: usize> Mpf<K> {
             own,
             options,
             chart,
-            state: State {
+            state: MpfState {
                 core,
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
-                news: News::new(vehicles),
+                range_novelty: RangeNovelty::new(vehicles),
                 sounded_at_m: None,
                 health: 1.0,
                 alarms: 0,
@@ -294,7 +297,7 @@ impl<const K: usize> Mpf<K> {
         let share = self.new_share(sender, tol_ns, &heard);
         let outcome = self.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
-            self.state.news.heard(sender, tol_ns, heard.said.moments().1);
+            self.state.range_novelty.heard(sender, tol_ns, heard.said.moments().1);
             self.resample();
         }
         outcome
@@ -303,8 +306,9 @@ impl<const K: usize> Mpf<K> {
 
 impl<const K: usize> Mpf<K> {
     /// Share of this belief that counts: all of it, or what is new.
-    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &Heard) -> f64 {
-        let (true, Some(before_ns)) = (self.options.range_news, self.state.news.heard_at(sender)) else {
+    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief) -> f64 {
+        let (true, Some(before_ns)) = (self.options.range_news, self.state.range_novelty.heard_at(sender))
+        else {
             return 1.0;
         };
         let (theirs, covariance_m2) = heard.said.moments();
@@ -315,7 +319,7 @@ impl<const K: usize> Mpf<K> {
         let direction = [de / distance_m, dn / distance_m];
         // A teammate drifts as this vehicle does: its packets have no room for more.
         let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before_ns)));
-        self.state.news.share(sender, covariance_m2, direction, &growth)
+        self.state.range_novelty.share(sender, covariance_m2, direction, &growth)
     }
 }
 
@@ -474,7 +478,7 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let state: State<K> = load(snapshot)?;
+        let state: MpfState<K> = load(snapshot)?;
         self.state.core.check_same(&state.core)?;
         self.state.radio.check_same(&state.radio)?;
         self.state = state;

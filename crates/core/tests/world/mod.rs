@@ -9,14 +9,14 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector2};
 use uwcoop_core::chart::{Chart, SigmaMap};
 use uwcoop_core::event::{Event, Payload, VehicleId};
-use uwcoop_core::navigator::common::Drift;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
+use uwcoop_core::navigator::drift::Drift;
 use uwcoop_core::navigator::mpf::{MonitorOptions, Mpf, MpfOptions};
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
 use uwcoop_core::navigator::{Navigator, Outcome};
-use uwcoop_core::noise::{Purpose, Streams};
 use uwcoop_core::packet::{Belief, BeliefPacket, Header, HeardBitmap, PacketKind};
+use uwcoop_core::random::{Purpose, Streams};
 
 /// Nanoseconds in a second.
 pub const SECOND: i64 = 1_000_000_000;
@@ -161,7 +161,7 @@ pub fn fix(t_ns: i64, vehicle: VehicleId, position_m: [f64; 2], variance_m2: f64
     event(t_ns, vehicle, Payload::Fix { position_m, covariance_m2: [variance_m2, 0.0, variance_m2] })
 }
 
-/// A sealed belief of `sender` at `position_m`, launched at `tol_ns` as its `sequence`-th packet.
+/// A belief packet of `sender` at `position_m`, launched at `tol_ns` as its `sequence`-th packet.
 pub fn packet(sender: VehicleId, tol_ns: i64, sequence: u8, position_m: [f64; 2], depth_m: f64) -> Arc<[u8]> {
     let header = Header { kind: PacketKind::Belief, sequence, depth_m, heard: HeardBitmap::default() };
     let belief =

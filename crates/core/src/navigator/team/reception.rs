@@ -1,16 +1,16 @@
 //! A packet of a teammate: read, put in the order of time, run over every particle's Gaussian, weighed.
 
 use super::group::Group;
-use super::program::{Reading, Target};
+use super::packet_updates::{ReportModel, Target};
 use super::{Team, Teammate};
 use crate::chart::{Chart, SigmaMap};
 use crate::event::VehicleId;
 use crate::kernels::lookup::{Grid, Paired, bilinear};
-use crate::kernels::team::{BLOCK, Joints, MapSigma, Op, Own, Program as Run, Terrain, run};
+use crate::kernels::team::{BLOCK, BlockUpdates, Joints, MapSigma, Op, Own, Terrain, run};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
 use crate::link::{range_m, slant_to_horizontal};
 use crate::navigator::Outcome;
-use crate::navigator::common::SLANT_GATES;
+use crate::navigator::radio::SLANT_GATES;
 use crate::packet::{FixSays, TeamReport};
 
 /// A packet that would leave too few particles has its weights quartered at most so many times.
@@ -104,8 +104,8 @@ impl<const K: usize> Team<K> {
             FixSays::Residual(residual_m) => {
                 let mut before = mate;
                 before.tol_ns = i64::MIN;
-                self.scratch.program.trace(report, tol_ns, &before);
-                let reckoned = self.scratch.program.at(mate.tol_ns);
+                self.scratch.updates.trace(report, tol_ns, &before);
+                let reckoned = self.scratch.updates.at(mate.tol_ns);
                 mate.position_m = [0, 1].map(|a| report.position_m[a] + reckoned[a]);
                 residual_m
             }
@@ -137,7 +137,7 @@ impl<const K: usize> Team<K> {
     fn fuse(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, range_m: f64, mate: Teammate) {
         let index = self.group_of(sender);
         let Some(base) = self.state.groups[index].base_of(sender) else { return };
-        self.scratch.program.trace(&self.scratch.report, tol_ns, &mate);
+        self.scratch.updates.trace(&self.scratch.report, tol_ns, &mate);
         let shift_m = self.depth_shift(index, base, tol_ns, &mate);
         let mut drift = self.options.drifts[usize::from(sender)];
         let share = self.options.current_difference.min(1.0);
@@ -149,7 +149,7 @@ impl<const K: usize> Team<K> {
             drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(hidden.sqrt());
         }
         let correlation = self.mpf.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
-        let reading = Reading {
+        let model = ReportModel {
             report: &self.scratch.report,
             tol_ns,
             drift: &drift,
@@ -163,7 +163,7 @@ impl<const K: usize> Team<K> {
         let ranges = targets.map(|(launch_ns, range_m, target)| {
             (launch_ns.saturating_add((range_m / speed * 1e9) as i64), range_m, target)
         });
-        let since_sounding_m = self.scratch.program.build(&reading, &mate, shift_m, ranges);
+        let since_sounding_m = self.scratch.updates.build(&model, &mate, shift_m, ranges);
         let sequence = self.scratch.report.sequence;
         let position_m = self.scratch.report.position_m;
 
@@ -174,10 +174,10 @@ impl<const K: usize> Team<K> {
             self.mpf.state.core.rejected += 1;
         } else {
             let variance_m2 = self.options.sigma_range_m.powi(2);
-            self.scratch.program.ops.clear();
-            self.scratch.program.ops.push(Op::RangeToOwn { own: 1, range_m, variance_m2 });
+            self.scratch.updates.ops.clear();
+            self.scratch.updates.ops.push(Op::RangeToOwn { own: 1, range_m, variance_m2 });
             self.run(index, base, &mut column);
-            self.state.book.range(sender, sequence, range_m);
+            self.state.outgoing.range(sender, sequence, range_m);
         }
         let mate = Teammate { tol_ns, position_m, sequence, since_sounding_m };
         self.state.mates[usize::from(sender)] = Some(mate);
@@ -188,16 +188,16 @@ impl<const K: usize> Team<K> {
     /// `None` without a chart there.
     fn depth_shift(&self, index: usize, base: usize, tol_ns: i64, mate: &Teammate) -> Option<f64> {
         let chart = self.mpf.chart.as_ref()?;
-        let (report, program) = (&self.scratch.report, &self.scratch.program);
+        let (report, updates) = (&self.scratch.report, &self.scratch.updates);
         if !report.depth_modulus_m.is_finite() {
             return Some(0.0);
         }
         let (group, weights) = (&self.state.groups[index], self.weights());
         let state = |k: usize| weighted_mean(weights, group.mean_of(base + k));
-        let began = program.at(mate.tol_ns);
+        let began = updates.at(mate.tol_ns);
         report.soundings.iter().find_map(|s| {
             let t_ns = tol_ns.saturating_sub((s.age_s * 1e9).round() as i64);
-            let (at, dt_s) = (program.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
+            let (at, dt_s) = (updates.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
             let place = [0, 1].map(|a| state(a) + at[a] - began[a] + state(3 + a) * dt_s);
             let depth = bilinear(&filled_grid(self.filled.as_deref(), chart), place[0], place[1]);
             let whole = unwrap_near(s.water_depth_m, report.depth_modulus_m, depth + state(2));
@@ -209,12 +209,12 @@ impl<const K: usize> Team<K> {
     fn run(&mut self, index: usize, base: usize, column: &mut [f64]) {
         let n = column.len();
         let options = &self.options.core;
-        let weighing = self.scratch.program.ops.iter().filter(|op| op.weighs()).count();
+        let weighing = self.scratch.updates.ops.iter().filter(|op| op.weighs()).count();
         self.scratch.rows.resize(weighing * n, 0.0);
         self.scratch.innovation.iter_mut().for_each(|c| c.resize(n, 0.0));
         self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
         let cloud = &self.mpf.state.core.cloud;
-        let launch = self.state.past.launch.as_ref();
+        let launch = self.state.history.launch.as_ref();
         let terrain = self.mpf.chart.as_deref().map(|chart| Terrain {
             chart: chart.grid(),
             filled: filled_grid(self.filled.as_deref(), chart),
@@ -226,9 +226,9 @@ impl<const K: usize> Team<K> {
             },
             dof: options.student_dof,
         });
-        let program = Run {
+        let updates = BlockUpdates {
             base,
-            ops: &self.scratch.program.ops,
+            ops: &self.scratch.updates.ops,
             terrain,
             own: Own {
                 at: [
@@ -245,7 +245,7 @@ impl<const K: usize> Team<K> {
         let (dim, mean, before, order, after) = self.state.groups[index].columns();
         let mut joints = Joints { dim, mean, before, order, after, scratch: &mut self.scratch.lanes };
         let [nu, s] = &mut self.scratch.innovation;
-        run(&program, &mut joints, &mut self.scratch.rows, &mut [nu, s]);
+        run(&updates, &mut joints, &mut self.scratch.rows, &mut [nu, s]);
         self.state.groups[index].written();
         for row in self.scratch.rows.chunks(n).take(weighing) {
             add_row(row, cloud.weights(), column);
@@ -254,7 +254,7 @@ impl<const K: usize> Team<K> {
 
     /// Where each particle was when the packet arrived, into scratch. What is older than is kept is reckoned back.
     fn own_positions(&mut self, toa_ns: i64) {
-        if self.state.past.at(toa_ns, &mut self.scratch.own) {
+        if self.state.history.at(toa_ns, &mut self.scratch.own) {
             return;
         }
         let core = &self.mpf.state.core;
@@ -323,13 +323,13 @@ fn add_row(row: &[f64], weights: &[f64], column: &mut [f64]) {
 /// launch which the range was measured to.
 fn targets<'a, const K: usize>(
     report: &'a TeamReport,
-    state: &'a super::State<K>,
+    state: &'a super::TeamState<K>,
     index: usize,
     own: VehicleId,
 ) -> impl Iterator<Item = (i64, f64, Target)> + 'a {
     report.ranges.iter().filter_map(move |range| {
         if range.vehicle == own {
-            let (_, launch) = state.past.launch.as_ref().filter(|(s, _)| s & 3 == range.sequence)?;
+            let (_, launch) = state.history.launch.as_ref().filter(|(s, _)| s & 3 == range.sequence)?;
             return Some((launch.t_ns, range.range_m, Target::Own));
         }
         let mate =
