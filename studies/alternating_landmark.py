@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from uwcoop import metrics, scenario
+from uwcoop import scenario
+from uwcoop.evaluation import metrics
+from uwcoop.experiment.mission import open_mission
+from uwcoop.experiment.run import native_mission, replay_for, run
 from uwcoop.missionlog import MissionLog
-from uwcoop.missions import open_mission
-from uwcoop.run import native_mission, replay_for, run
-from uwcoop.simulate import simulate
+from uwcoop.world.simulate import simulate
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "results" / "alternating-landmark.md"

@@ -24,7 +24,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 import aburatsubo
 
 import uwcoop
-from uwcoop import metrics
+from uwcoop.evaluation import metrics
 from uwcoop.navigators import NAVIGATORS
 
 ROOT = Path(__file__).parents[1]

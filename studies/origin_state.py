@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 
 import uwcoop
-from uwcoop import metrics, scenario
+from uwcoop import scenario
 from uwcoop.errors import UwcoopError
-from uwcoop.simulate import simulate
+from uwcoop.evaluation import metrics
+from uwcoop.world.simulate import simulate
 
 Table = list[Sequence[str]]
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 import uwcoop
-from uwcoop.recordings.model import PlazaOptions, Recording
-from uwcoop.recordings.plaza import read_plaza
+from uwcoop.importers.datasets.plaza import read_plaza
+from uwcoop.importers.datasets.recording import PlazaOptions, Recording
 
 
 def compared(path: Path) -> tuple[float, float]:

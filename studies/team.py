@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 import uwcoop
-from uwcoop import metrics, scenario
+from uwcoop import scenario
+from uwcoop.evaluation import metrics
 from uwcoop.missionlog import MissionLog
 
 ALL = ("team", "mpf", "mpf-terrain-only", "dmpf", "dead-reckoning")

@@ -72,7 +72,7 @@ def short_missions(monkeypatch: pytest.MonkeyPatch) -> None:
         return parse(table, where)
 
     monkeypatch.setattr(loading, "parse", shortened)
-    monkeypatch.setattr("uwcoop.demo.SCENARIO", scenario.load("st-john-drift"))
+    monkeypatch.setattr("uwcoop.experiment.demo.SCENARIO", scenario.load("st-john-drift"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from uwcoop.errors import ChartError
-from uwcoop.frames import LocalFrame, crs_of, heading_from_yaw, wrap_angle, yaw_from_heading
-from uwcoop.missionlog.model import Origin
+from uwcoop.frames import LocalFrame, Origin, crs_of, heading_from_yaw, wrap_angle, yaw_from_heading
 
 
 @pytest.mark.parametrize(

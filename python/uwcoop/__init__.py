@@ -5,19 +5,17 @@ The public names load on first use, so that `import uwcoop` stays fast and optio
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from uwcoop import kernels, navigators
     from uwcoop.charts import Chart, load_chart
+    from uwcoop.experiment.run import run
+    from uwcoop.experiment.study import study
     from uwcoop.missionlog import MissionLog
     from uwcoop.missionlog.mcap import load_log
-    from uwcoop.run import run
-    from uwcoop.simulate import simulate
-    from uwcoop.study import study
+    from uwcoop.world.simulate import simulate
 
 __version__: str
 
@@ -38,20 +36,10 @@ _HOME = {
     "MissionLog": "uwcoop.missionlog",
     "load_chart": "uwcoop.charts",
     "load_log": "uwcoop.missionlog.mcap",
-    "run": "uwcoop.run",
-    "simulate": "uwcoop.simulate",
-    "study": "uwcoop.study",
+    "run": "uwcoop.experiment.run",
+    "simulate": "uwcoop.world.simulate",
+    "study": "uwcoop.experiment.study",
 }
-
-
-class _Package(ModuleType):
-    def __setattr__(self, name: str, value: Any) -> None:
-        # Loading the module uwcoop.run would put it in the place of the function of the same name.
-        if not (name in _HOME and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import ChartError, MissingDependencyError
-from uwcoop.missionlog.model import Origin
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -73,6 +72,15 @@ def local_projection(latitude_deg: float, longitude_deg: float) -> str:
         f"+proj=tmerc +lat_0={latitude_deg!r} +lon_0={longitude_deg!r} +k=1 +x_0=0 +y_0=0 "
         "+datum=WGS84 +units=m +no_defs"
     )
+
+
+@dataclass(frozen=True)
+class Origin:
+    """WGS 84 position of the local frame's zero, and how it was projected (None: a purely local frame)."""
+
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    crs: str | None = None
 
 
 @dataclass(frozen=True)

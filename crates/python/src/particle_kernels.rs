@@ -1,9 +1,7 @@
 //! `uwcoop.kernels` of particles and their weights: pure functions of their draws, on the scalar f64 path.
 
 use nalgebra::SMatrix;
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods,
-};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use uwcoop_core::kernels::likelihood::{self, RangeBelief};
 use uwcoop_core::kernels::particles;

@@ -37,7 +37,8 @@ from uwcoop.acoustics.schedule import (
     slot_frames,
     slot_needed_s,
 )
-from uwcoop.acoustics.sound import mackenzie_mps, true_sound_speed_mps
+from uwcoop.acoustics.sea_water import mackenzie_mps
+from uwcoop.acoustics.sound import true_sound_speed_mps
 
 __all__ = [
     "MODEMS",

@@ -11,7 +11,7 @@ from uwcoop.acoustics.losses import Signals, off_bow_rad, survival
 from uwcoop.acoustics.modem import air_time_s, link_of, poll_air_s
 from uwcoop.acoustics.schedule import RESIDENCE_BYTES, lead_s, pollers_of, slot_frames
 from uwcoop.acoustics.sound import sound_speed_between_mps
-from uwcoop.streams import Purpose, stream
+from uwcoop.world.random_streams import Purpose, stream
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from uwcoop.missionlog.model import Columns
     from uwcoop.scenario.acoustics import Acoustics
-    from uwcoop.vehicles import Motion
+    from uwcoop.world.vehicles import Motion
 
     Array = NDArray[np.float64]
     Indices = NDArray[np.int64]

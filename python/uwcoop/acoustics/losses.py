@@ -21,7 +21,7 @@ from uwcoop.acoustics.reception import (
     monotone_share,
     table_of,
 )
-from uwcoop.streams import Purpose, stream
+from uwcoop.world.random_streams import Purpose, stream
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

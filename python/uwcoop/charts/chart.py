@@ -16,7 +16,7 @@ import numpy as np
 
 from uwcoop.charts.slopes import node_sigma
 from uwcoop.errors import ChartError
-from uwcoop.missionlog.model import Origin
+from uwcoop.frames import Origin
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -21,7 +21,7 @@ from uwcoop.charts.residuals import ResidualReport, leave_one_out, report
 from uwcoop.charts.slopes import slope_at
 from uwcoop.charts.surface import distance, hull, linear, medians
 from uwcoop.errors import ChartError, MissingDependencyError
-from uwcoop.missionlog.model import Origin
+from uwcoop.frames import Origin
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

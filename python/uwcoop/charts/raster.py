@@ -14,8 +14,7 @@ import numpy as np
 from uwcoop.charts.chart import Chart
 from uwcoop.charts.windows import window_sums
 from uwcoop.errors import ChartError
-from uwcoop.frames import LocalFrame, crs_of, crs_text
-from uwcoop.missionlog.model import Origin
+from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,7 +14,7 @@ from uwcoop.charts.netcdf import read_netcdf
 from uwcoop.charts.raster import Quality, chart_from_raster
 from uwcoop.charts.soundings import load_soundings
 from uwcoop.errors import ChartError
-from uwcoop.missionlog.model import Origin
+from uwcoop.frames import Origin
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

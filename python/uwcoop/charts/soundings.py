@@ -14,8 +14,7 @@ from uwcoop.charts.gridding import Soundings
 from uwcoop.charts.raster import NO_PROJECTION, frame_for, horizontal
 from uwcoop.charts.vertical import Stated, depths_from
 from uwcoop.errors import ChartError
-from uwcoop.frames import crs_of
-from uwcoop.missionlog.model import Origin
+from uwcoop.frames import Origin, crs_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

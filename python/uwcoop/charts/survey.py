@@ -17,7 +17,7 @@ import numpy as np
 from uwcoop.charts.gridding import Gridded, Soundings, grid_and_judge
 from uwcoop.charts.raster import Quality
 from uwcoop.errors import ChartError
-from uwcoop.streams import Purpose, stream
+from uwcoop.world.random_streams import Purpose, stream
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

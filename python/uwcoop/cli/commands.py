@@ -32,7 +32,7 @@ from uwcoop.cli.terminal import (
 app = typer.Typer(
     cls=OneLineErrors,
     no_args_is_help=True,
-    add_completion=False,
+    add_completion=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -66,7 +66,7 @@ def demo(
     ] = Path("uwcoop-demo"),
 ) -> None:
     """Localise three simulated AUVs by every navigator: table, pictures and a replay in a folder."""
-    from uwcoop.demo import run_demo, steps
+    from uwcoop.experiment.demo import run_demo, steps
 
     with progress("simulating", steps()) as step:
         result, files = run_demo(output, step, say)
@@ -79,8 +79,8 @@ def demo(
 def scenarios() -> None:
     """What is packaged: scenarios to fly and navigators to fly them with."""
     from uwcoop.navigators import NAVIGATORS
+    from uwcoop.report.input_tables import packaged_tables
     from uwcoop.scenario import packaged
-    from uwcoop.tables import packaged_tables
 
     terminal().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
 
@@ -138,9 +138,9 @@ def chart(
     import json
 
     from uwcoop.charts import describe, load_sounded
-    from uwcoop.output import write_chart_picture
-    from uwcoop.simulate import open_source
-    from uwcoop.tables import chart_table, residuals_table
+    from uwcoop.report.input_tables import chart_table, residuals_table
+    from uwcoop.report.run_folder import write_chart_picture
+    from uwcoop.world.simulate import open_source
 
     options: dict[str, Any] = {
         "columns": columns,
@@ -175,9 +175,9 @@ def simulate(
     settings: SetOption = None,
 ) -> None:
     """Simulate a mission and write its log (MCAP, standard ROS 2 messages)."""
+    from uwcoop.experiment.mission import LOG_SUFFIX, load_scenario
     from uwcoop.missionlog.mcap import write_log
-    from uwcoop.missions import LOG_SUFFIX, load_scenario
-    from uwcoop.simulate import simulate as fly
+    from uwcoop.world.simulate import simulate as fly
 
     if output.suffix != LOG_SUFFIX:
         raise typer.BadParameter(f"{output} must end in {LOG_SUFFIX}", param_hint="-o")
@@ -220,8 +220,10 @@ def run(
     figures: FiguresOption = False,
 ) -> None:
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
-    from uwcoop.output import refuse_file, summary_text, write_run
-    from uwcoop.run import run as replay
+    from uwcoop.evaluation.metrics import summary_text
+    from uwcoop.experiment.run import run as replay
+    from uwcoop.report.atomic_files import refuse_file
+    from uwcoop.report.run_folder import write_run
 
     names = names_of(navigator) or None
     needs_folder(figures, output, "--figures")
@@ -274,11 +276,12 @@ def study(
     figures: FiguresOption = False,
 ) -> None:
     """Many missions, the same for every navigator and variant: consistency and accuracy over all of them."""
+    from uwcoop.evaluation.metrics import summary_text
+    from uwcoop.experiment.study import study as compare
     from uwcoop.navigators import not_realisable
-    from uwcoop.output import summary_text, write_study_figures
-    from uwcoop.report import study_table
+    from uwcoop.report.result_tables import study_table
+    from uwcoop.report.run_folder import write_study_figures
     from uwcoop.scenario import alternatives
-    from uwcoop.study import study as compare
 
     needs_folder(resume, output, "--resume")
     needs_folder(figures, output, "--figures")
@@ -320,9 +323,9 @@ def budget(
     scenario: ScenarioArgument, navigator: NavigatorsOption = None, settings: SetOption = None
 ) -> None:
     """What talking costs: fields, bytes, frames, air time, slot and cycle; what other teams and slots would do."""
-    from uwcoop.budget import budget as count
-    from uwcoop.budget_report import budget_report
-    from uwcoop.missions import load_scenario
+    from uwcoop.experiment.mission import load_scenario
+    from uwcoop.experiment.packet_budget import budget as count
+    from uwcoop.report.budget_tables import budget_report
 
     terminal().print(budget_report(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
 

@@ -14,8 +14,8 @@ from typer.core import TyperGroup
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from uwcoop.experiment.run import RunResult
     from uwcoop.missionlog import MissionLog
-    from uwcoop.run import RunResult
 
 
 class OneLineErrors(TyperGroup):
@@ -75,7 +75,7 @@ def terminal(*, err: bool = False) -> Console:
 def print_run(result: RunResult, console: Console) -> None:
     """The table of a run."""
     from uwcoop.navigators import not_realisable
-    from uwcoop.report import summary_table
+    from uwcoop.report.result_tables import summary_table
 
     summary = result.summary
     told = not_realisable(summary["navigators"])

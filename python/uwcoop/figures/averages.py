@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import TracksError
-from uwcoop.figures.errors import LINE_STYLES, RECEIVED_COLOUR
-from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
+from uwcoop.figures.style import DPI, LINE_STYLES, OKABE_ITO, RECEIVED_COLOUR, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -36,7 +35,7 @@ def errors_over_time_figure(traces: xr.Dataset, *, title: str) -> Figure:
     signals, over the runs, whose packet was used. With one run the line is that run's error.
 
     Args:
-        traces: dims (variant, run, navigator, vehicle, time) as `uwcoop.traces` describes; at most
+        traces: dims (variant, run, navigator, vehicle, time) as `uwcoop.evaluation.error_series` describes; at most
             `MOST_VARIANTS` variants.
         title: scenario.
 

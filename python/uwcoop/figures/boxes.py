@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop import metrics
 from uwcoop.errors import TracksError
+from uwcoop.evaluation import metrics
 from uwcoop.figures.averages import quantiles
-from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
+from uwcoop.figures.style import DPI, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

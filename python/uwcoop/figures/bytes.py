@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import TracksError
-from uwcoop.figures.map import DPI, MARKERS, OKABE_ITO, matplotlib_figure
+from uwcoop.figures.style import DPI, MARKERS, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import TracksError
-from uwcoop.figures.errors import LINE_STYLES
+from uwcoop.evaluation.nees import CHI2_95_2D
 from uwcoop.figures.geometry import (
     aspect_and_trace,
     axis_of,
@@ -18,18 +18,14 @@ from uwcoop.figures.geometry import (
     sender_mark,
 )
 from uwcoop.figures.map import (
-    CHI2_95_2D,
-    DPI,
-    MARKERS,
-    OKABE_ITO,
     chart_backdrop,
     draw_backdrop,
     ellipse,
     finite_points,
     frame_around,
-    matplotlib_figure,
     spread_evenly,
 )
+from uwcoop.figures.style import DPI, LINE_STYLES, MARKERS, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -7,8 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop import metrics
-from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
+from uwcoop.evaluation import metrics
+from uwcoop.figures.style import (
+    DPI,
+    LINE_STYLES,
+    LOST_COLOUR,
+    OKABE_ITO,
+    RECEIVED_COLOUR,
+    REJECTED_COLOUR,
+    matplotlib_figure,
+)
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -18,8 +26,6 @@ if TYPE_CHECKING:
 
     Packets = Mapping[str, NDArray[Any]]
 
-LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2, 1, 2, 1, 2)))
-RECEIVED_COLOUR, LOST_COLOUR, REJECTED_COLOUR = "#444444", "#D55E00", "#56B4E9"
 
 BOUND_LINES: tuple[tuple[str, Any, str], ...] = (
     ("bound_m", "-", "Cramér–Rao bound of the team"),

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop.figures.errors import LINE_STYLES
-from uwcoop.figures.map import MARKERS, OKABE_ITO
+from uwcoop.figures.style import LINE_STYLES, MARKERS, OKABE_ITO
 from uwcoop.frames import heading_from_yaw
 
 if TYPE_CHECKING:

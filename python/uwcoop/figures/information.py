@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from uwcoop import metrics
 from uwcoop.errors import TracksError
-from uwcoop.figures.map import DPI, MARKERS, OKABE_ITO, matplotlib_figure
+from uwcoop.evaluation import metrics
+from uwcoop.figures.style import DPI, MARKERS, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import TracksError
-from uwcoop.figures.map import DPI, OKABE_ITO, finite_points, frame_around, matplotlib_figure
+from uwcoop.figures.map import finite_points, frame_around
+from uwcoop.figures.style import DPI, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import TracksError
-from uwcoop.figures.errors import LINE_STYLES
 from uwcoop.figures.landmark import Believed, Span, landmark_spans
-from uwcoop.figures.map import DPI, MARKERS, OKABE_ITO, finite_points, frame_around, matplotlib_figure
+from uwcoop.figures.map import finite_points, frame_around
+from uwcoop.figures.style import DPI, LINE_STYLES, MARKERS, OKABE_ITO, matplotlib_figure
 from uwcoop.frames import wrap_angle
 
 if TYPE_CHECKING:
@@ -118,7 +118,7 @@ def reconstruction_figure(log: MissionLog, around: xr.Dataset, navigator: str) -
 
     Args:
         log: the mission.
-        around: what `uwcoop.particles.around_fixes` gives.
+        around: what `uwcoop.experiment.particles_at_fixes.around_fixes` gives.
         navigator: for the title.
 
     Raises:

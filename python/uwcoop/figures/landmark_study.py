@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
+from uwcoop.figures.style import DPI, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

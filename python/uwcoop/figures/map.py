@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from uwcoop.errors import MissingDependencyError
+from uwcoop.evaluation.nees import CHI2_95_2D
+from uwcoop.figures.style import DEPTH_COLOURS, DPI, MARKERS, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,20 +18,6 @@ if TYPE_CHECKING:
 
     from uwcoop.charts import Chart
 
-# Olive in place of yellow, which fades in print; pictures are white and replays are dark.
-OKABE_ITO = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#999933", "#000000")
-"""Colour-blind-safe palette (after Okabe and Ito 2008), strongest on white first; used by every picture."""
-
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-"""One for each vehicle, so that paths can be told apart in greyscale."""
-
-DEPTH_COLOURS = ("#f7f6ec", "#d6e6e4", "#a9c9d6", "#7fa6c4")
-"""Shallow to deep."""
-
-CHI2_95_2D = -2 * math.log(0.05)
-"""95 % quantile of χ² with two degrees of freedom, 5.99: closed form."""
-
-DPI = 150
 _PANEL_INCH = 4.4
 _NODES_DRAWN = 700
 """A panel has no more pixels than this along its longer side."""
@@ -306,16 +293,3 @@ def _legend(figure: Figure, tracks: xr.Dataset, holes: bool) -> None:
     figure.legend(
         handles=handles, loc="outside lower center", ncols=min(len(handles), 5), fontsize=8, frameon=False
     )
-
-
-def matplotlib_figure() -> type[Figure]:
-    """The class of all pictures, which needs no display.
-
-    Raises:
-        MissingDependencyError: matplotlib is not installed.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as missing:
-        raise MissingDependencyError("matplotlib", "figures") from missing
-    return Figure

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.errors import TracksError
-from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
+from uwcoop.figures.style import DPI, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -34,7 +34,7 @@ def study_figures(
     Args:
         rows: `metrics.ROW_COLUMNS` and the varied keys.
         keys: dotted keys that are varied.
-        traces: what `uwcoop.traces.gather` gives.
+        traces: what `uwcoop.evaluation.error_series.gather` gives.
         title: scenario.
         settle_s: errors count from here on, s.
     """

@@ -9,16 +9,8 @@ import numpy as np
 
 from uwcoop.errors import TracksError
 from uwcoop.figures.geometry import position_at
-from uwcoop.figures.map import (
-    DPI,
-    MARKERS,
-    OKABE_ITO,
-    chart_backdrop,
-    draw_backdrop,
-    finite_points,
-    frame_around,
-    matplotlib_figure,
-)
+from uwcoop.figures.map import chart_backdrop, draw_backdrop, finite_points, frame_around
+from uwcoop.figures.style import DPI, MARKERS, OKABE_ITO, matplotlib_figure
 from uwcoop.frames import heading_from_yaw
 
 if TYPE_CHECKING:

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop import metrics
 from uwcoop.errors import TracksError
-from uwcoop.figures.errors import LINE_STYLES
-from uwcoop.figures.map import DPI, OKABE_ITO, matplotlib_figure
+from uwcoop.evaluation import metrics
+from uwcoop.figures.style import DPI, LINE_STYLES, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -8,7 +8,6 @@ from uwcoop.missionlog.model import (
     Columns,
     Link,
     MissionLog,
-    Origin,
     columns,
     event_columns,
 )
@@ -21,7 +20,6 @@ __all__ = [
     "Columns",
     "Link",
     "MissionLog",
-    "Origin",
     "columns",
     "event_columns",
 ]

@@ -56,9 +56,10 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from uwcoop.errors import ChartError, LogError
+from uwcoop.frames import Origin
 from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
 from uwcoop.missionlog.messages import definition, typestore
-from uwcoop.missionlog.model import Link, MissionLog, Origin
+from uwcoop.missionlog.model import Link, MissionLog
 from uwcoop.missionlog.validate import validate
 
 if TYPE_CHECKING:

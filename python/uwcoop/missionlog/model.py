@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import LogError
+from uwcoop.frames import Origin
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -117,15 +118,6 @@ class Link:
     frame_s: float
     preamble_s: float
     sound_speed_mps: float
-
-
-@dataclass(frozen=True)
-class Origin:
-    """WGS 84 position of the local frame's zero, and how it was projected (None: a purely local frame)."""
-
-    latitude_deg: float | None = None
-    longitude_deg: float | None = None
-    crs: str | None = None
 
 
 @dataclass

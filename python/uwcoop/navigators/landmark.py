@@ -15,7 +15,7 @@ from uwcoop import _native
 from uwcoop.navigators.options import NonNegative, Positive, Share
 
 if TYPE_CHECKING:
-    from uwcoop.navigators import Context
+    from uwcoop.navigators.protocol import Context
 
 __all__ = [
     "LANDMARK_NAVIGATORS",

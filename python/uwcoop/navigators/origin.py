@@ -11,7 +11,7 @@ from uwcoop import _native
 from uwcoop.navigators.options import NonNegative, Positive
 
 if TYPE_CHECKING:
-    from uwcoop.navigators import Context
+    from uwcoop.navigators.protocol import Context
 
 __all__ = [
     "DeifOptions",

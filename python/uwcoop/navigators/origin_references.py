@@ -12,7 +12,7 @@ from uwcoop.navigators.options import Positive
 from uwcoop.navigators.origin import OriginOptions, PacketForm
 
 if TYPE_CHECKING:
-    from uwcoop.navigators import Context
+    from uwcoop.navigators.protocol import Context
 
 __all__ = [
     "BeliefOptions",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from uwcoop.acoustics.sound import SALINITY_PSU, TEMPERATURE_C
+from uwcoop.acoustics.sea_water import SALINITY_PSU, TEMPERATURE_C
 from uwcoop.scenario.authentication import Authentication
 from uwcoop.scenario.base import NonNegative, Positive, Table
 from uwcoop.scenario.losses import IndependentLoss, Loss, NoLoss, named_vehicles

@@ -17,9 +17,9 @@ from uwcoop.errors import ScenarioError
 from uwcoop.scenario.base import nearest
 from uwcoop.scenario.chart import SYNTHETIC, ChartSpec
 from uwcoop.scenario.models import Scenario
-from uwcoop.scenario.report import one_line
+from uwcoop.scenario.validation_message import one_line
 
-_PACKAGE = files("uwcoop") / "scenarios"
+_PACKAGE = files("uwcoop.scenario") / "packaged_scenarios"
 _BARE_WORD = re.compile(r"[A-Za-z][\w:./-]*")
 
 

@@ -11,7 +11,7 @@ from uwcoop.scenario.base import NAME, NonNegative, Positive, Table, nearest
 from uwcoop.scenario.chart import ChartSpec
 from uwcoop.scenario.landmark import Deployment, Exchange, Hover, Kidnap, Mutual
 from uwcoop.scenario.sensors import Sensors
-from uwcoop.scenario.vehicle import Drift, Lawnmower, Team, Vehicle, Waypoints
+from uwcoop.scenario.vehicle import Drift, Fleet, Lawnmower, Vehicle, Waypoints
 from uwcoop.scenario.world import Current, NoCurrent, Tide, Waves
 
 
@@ -32,11 +32,11 @@ class Diagnostics(Table):
 
 
 def _team_or_list(value: Any) -> str:
-    return "team" if isinstance(value, dict | Team) else "list"
+    return "team" if isinstance(value, dict | Fleet) else "list"
 
 
 Vehicles = Annotated[
-    Annotated[Team, Tag("team")]
+    Annotated[Fleet, Tag("team")]
     | Annotated[tuple[Vehicle, ...], Field(strict=False, min_length=1), Tag("list")],
     Discriminator(_team_or_list),
 ]
@@ -76,7 +76,7 @@ class Scenario(Table):
     @property
     def team(self) -> tuple[Vehicle, ...]:
         """The vehicles one by one, each with its drift and sensors: its own, or the scenario's."""
-        if isinstance(self.vehicles, Team):
+        if isinstance(self.vehicles, Fleet):
             shared = self.vehicles.model_dump(exclude={"count", "prefix", "path"})
             own = tuple(
                 Vehicle(name=f"{self.vehicles.prefix}{k + 1}", path=self.vehicles.path, **shared)
@@ -98,7 +98,7 @@ class Scenario(Table):
         """Every key with its value, defaults included, ready for JSON; `parse` makes the scenario of it."""
         unused = set() if self.exchange is not None else {"hover", "deployment", "mutual"}
         dump = self.model_dump(mode="json", exclude_none=True, exclude=unused)
-        if not isinstance(self.vehicles, Team):
+        if not isinstance(self.vehicles, Fleet):
             team = [vehicle.model_dump(mode="json", exclude_none=True) for vehicle in self.team]
             for given, vehicle in zip(team, self.vehicles, strict=True):
                 if vehicle.drift is None:

@@ -194,7 +194,7 @@ class VehicleBase(Table):
     """False: its navigator takes packets and what they acknowledge, but no range (a support ship with GPS)."""
 
 
-class Team(VehicleBase):
+class Fleet(VehicleBase):
     """`[vehicles]` as one table: `count` vehicles alike, on random paths of their own."""
 
     count: Annotated[int, Field(ge=1, le=64)]

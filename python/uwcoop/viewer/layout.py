@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop import metrics
+from uwcoop.evaluation import metrics
 from uwcoop.viewer.landmark import EVENTS, FIXES
 from uwcoop.viewer.stage import TIMELINE, Stage, entity
 

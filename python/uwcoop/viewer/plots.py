@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop import metrics
-from uwcoop.figures.map import CHI2_95_2D
+from uwcoop.evaluation import metrics
+from uwcoop.evaluation.nees import CHI2_95_2D
 from uwcoop.viewer.stage import Stage, entity, rgb, time_column
 
 if TYPE_CHECKING:

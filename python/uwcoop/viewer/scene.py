@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop.figures.map import DEPTH_COLOURS, ellipse, hillshade
+from uwcoop.figures.map import ellipse, hillshade
+from uwcoop.figures.style import DEPTH_COLOURS
 from uwcoop.viewer.stage import Stage, rgb, time_column
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop.figures.map import OKABE_ITO
+from uwcoop.figures.style import OKABE_ITO
 
 if TYPE_CHECKING:
     import xarray as xr

@@ -1,0 +1,1 @@
+"""Missions, runs and studies."""

@@ -1,0 +1,139 @@
+"""What a user means by a mission: a log, or a scenario that is simulated first."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from uwcoop import scenario as scenarios
+from uwcoop.errors import LogError, ScenarioError
+from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog.validate import validate
+
+if TYPE_CHECKING:
+    from uwcoop.charts import Chart
+    from uwcoop.scenario.models import Scenario
+
+__all__ = ["LOG_SUFFIX", "load_scenario", "open_mission"]
+
+LOG_SUFFIX = ".mcap"
+
+
+def open_mission(
+    mission: MissionLog | Scenario | str | Path,
+    seed: int | None = None,
+    chart: Chart | str | Path | None = None,
+    overrides: Sequence[str] = (),
+) -> MissionLog:
+    """A log as it is, from its file (`.mcap`), from a recording (`uwcoop.importers.datasets`), or simulated from a
+    scenario or the name or path of one.
+
+    Args:
+        mission: see above.
+        seed: of the simulation; a log has its own.
+        chart: a scenario gets it instead of its own. A log's must be this one; a log without a chart gets it,
+            around the log's own origin if it is read from a file.
+        overrides: "dotted.key=value" each. A log has happened: only `navigator.*` can be changed in it, and
+            `chart.*` says how to read the chart file that is given, `recording.*` how to read a recording.
+
+    Raises:
+        ScenarioError, LogError, ChartError: one line that says what is wrong.
+    """
+    if isinstance(mission, MissionLog):
+        validate(mission)
+        return _told(mission, chart, overrides)
+    if isinstance(mission, str | Path) and Path(mission).suffix == LOG_SUFFIX:
+        from uwcoop.missionlog.mcap import load_log
+
+        return _told(load_log(mission), chart, overrides)
+    if isinstance(mission, str | Path) and Path(mission).is_dir():
+        return _told(*_recorded(Path(mission), 0 if seed is None else seed, overrides, chart))
+    from uwcoop.importers.datasets import SUFFIXES, open_recording
+
+    if isinstance(mission, str | Path) and Path(mission).suffix in SUFFIXES:
+        reading = [override for override in overrides if _table_of(override) == "recording"]
+        others = [override for override in overrides if _table_of(override) != "recording"]
+        return _told(open_recording(mission, reading), chart, others)
+    from uwcoop.world.simulate import simulate
+
+    if isinstance(chart, str | Path):
+        return simulate(load_scenario(mission, chart, overrides), seed)
+    return simulate(load_scenario(mission, None, overrides), seed, chart)
+
+
+def _recorded(
+    folder: Path, seed: int, overrides: Sequence[str], chart: Chart | str | Path | None
+) -> tuple[MissionLog, Chart | str | Path | None, Sequence[str]]:
+    """A data set as a mission by the overrides `mrclam.*`; with the chart, and the overrides that are left."""
+    from uwcoop.importers.datasets.mrclam import is_mrclam, read_mrclam
+
+    if not is_mrclam(folder):
+        raise LogError(f"{folder} is a folder but no MRCLAM data set: it has no Barcodes.dat")
+    own = [override for override in overrides if override.split(".")[0].strip() == "mrclam"]
+    told = scenarios.apply_overrides({}, own).get("mrclam", {})
+    return (
+        read_mrclam(folder, seed, **told),
+        chart,
+        [override for override in overrides if override not in own],
+    )
+
+
+def load_scenario(
+    scenario: Scenario | str | Path, chart: str | Path | None = None, overrides: Sequence[str] = ()
+) -> Scenario:
+    """A scenario by name or path with overrides, and with a chart file in place of its own chart.
+
+    Raises:
+        ScenarioError: one line that says what is wrong.
+    """
+    # Before the other overrides, so that they can tell how to read the file: chart.crs=...
+    own_chart = [] if chart is None else [f"chart={{source = {json.dumps(str(Path(chart).resolve()))}}}"]
+    if isinstance(scenario, str | Path):
+        return scenarios.load(scenario, [*own_chart, *overrides])
+    if not own_chart and not overrides:
+        return scenario
+    return scenarios.parse(
+        scenarios.apply_overrides(scenario.resolved(), [*own_chart, *overrides]), scenario.name
+    )
+
+
+def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence[str]) -> MissionLog:
+    """The log with its chart checked or added, and with navigators' options changed."""
+    tables = {override: _table_of(override) for override in overrides}
+    possible = {"navigator", "chart"} if isinstance(chart, str | Path) else {"navigator"}
+    for override, table in tables.items():
+        if table not in possible:
+            raise ScenarioError(
+                f"override {override!r}: mission {log.name!r} is a log and has happened, "
+                "only navigator.* can be changed"
+            )
+    if chart is not None:
+        reading = [override for override in overrides if tables[override] == "chart"]
+        log = _with_chart(log, chart, reading)
+    options = [override for override in overrides if tables[override] == "navigator"]
+    return replace(log, scenario=scenarios.apply_overrides(log.scenario, options)) if options else log
+
+
+def _table_of(override: str) -> str:
+    """The table that an override is about; empty for a key outside of any."""
+    return override.split(".")[0].strip() if "." in override.partition("=")[0] else ""
+
+
+def _with_chart(log: MissionLog, chart: Chart | str | Path, reading: Sequence[str]) -> MissionLog:
+    if isinstance(chart, str | Path):
+        from uwcoop.charts import load_chart
+
+        spec = scenarios.chart_spec({"source": str(chart)}, reading)
+        known = log.chart is None and log.origin.latitude_deg is not None
+        chart = load_chart(chart, **spec.options(), origin=log.origin if known else None)
+    if log.chart is None:
+        return replace(log, chart=chart)
+    if log.chart.sha256 != chart.sha256:
+        raise LogError(
+            f"mission {log.name!r} belongs to chart {log.chart.name!r} with SHA-256 {log.chart.sha256}, "
+            f"not to {chart.name!r} with SHA-256 {chart.sha256}"
+        )
+    return log

@@ -1,0 +1,56 @@
+"""Recordings of ranges to beacons at known places, as missions that every navigator of ranges can replay.
+
+A beacon becomes a vehicle that stands still and says so. A range becomes a signal that the vehicle hears for certain:
+what the packet on it holds is up to the navigator, as in a simulated mission. With one beacon that is the geometry of
+a single ship.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pydantic import ValidationError
+
+from uwcoop.errors import LogError, ScenarioError
+from uwcoop.importers.datasets.plaza import read_plaza
+from uwcoop.importers.datasets.pyfg import heard_on_the_way, read_pyfg
+from uwcoop.importers.datasets.recording import Options, PlazaOptions, PyfgOptions, mission_of
+from uwcoop.scenario.loading import apply_overrides
+from uwcoop.scenario.validation_message import one_line
+
+if TYPE_CHECKING:
+    from uwcoop.missionlog import MissionLog
+
+__all__ = ["SUFFIXES", "PlazaOptions", "PyfgOptions", "open_recording"]
+
+SUFFIXES = (".pyfg", ".mat")
+"""Files that are recordings: factor graphs as PyFactorGraph writes them, and the Plaza files of the CMU mower."""
+
+
+def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLog:
+    """Read a recording as a mission.
+
+    Args:
+        path: a `.pyfg` factor graph in the plane, or `Plaza1_.mat` and its like.
+        overrides: "recording.key=value" each, for the keys of `PyfgOptions` or `PlazaOptions`.
+
+    Raises:
+        LogError: a file that is not what its suffix says.
+        ScenarioError: an unknown key, or a value outside its bound; one line.
+        MissingDependencyError: `.mat` without scipy.
+    """
+    path = Path(path)
+    table: dict[str, Any] = apply_overrides({"recording": {}}, overrides)
+    model, read = (PyfgOptions, read_pyfg) if path.suffix == ".pyfg" else (PlazaOptions, read_plaza)
+    try:
+        options: Options = model.model_validate(table["recording"])
+    except ValidationError as error:
+        raise ScenarioError(one_line(error, table["recording"], "recording")) from None
+    if not path.is_file():
+        raise LogError(f"recording {path} cannot be read: there is no such file")
+    found = read(path)
+    if isinstance(options, PyfgOptions) and options.range_delay_edges > 0:
+        found = heard_on_the_way(found, options.range_delay_edges)
+    return mission_of(found, options)

@@ -1,0 +1,372 @@
+"""UTIAS MRCLAM (Leung et al. 2011): wheeled robots that measure range and bearing of each other -> `MissionLog`.
+
+One robot is the landmark while its odometry says that it stood still; the others move by theirs. What the mover's
+camera sees of the landmark is a range and an own bearing; what the landmark's sees of the mover is a range and the
+peer's bearing. The data set measures whenever it can: here a schedule thins the measurements out, and losses are
+drawn. The landmark's pose at the start is the frame. No role is exchanged: there is no time at which one robot
+stops while another has just stood still.
+"""
+
+from __future__ import annotations
+
+import gzip
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import xarray as xr
+from pydantic import Field, ValidationError
+
+from uwcoop.acoustics.modem import MODEMS
+from uwcoop.errors import LogError
+from uwcoop.evaluation.pose_tracks import true_yaw_rad
+from uwcoop.frames import turned, wrap_angle
+from uwcoop.missionlog.model import Columns, Link, MissionLog, event_columns
+from uwcoop.scenario.base import NonNegative, Positive, Probability, Table
+from uwcoop.scenario.validation_message import one_line
+from uwcoop.world.random_streams import Purpose, stream
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+RATE_HZ = 5
+"""Of the log's odometry and truth."""
+BARCODES = "Barcodes.dat"
+ROOM_M = 15.0
+"""Where a range that is an outlier may lie: the arena's size."""
+STILL = (1e-9, 1e-9)
+"""Below these speeds, m/s and rad/s, a robot stands."""
+FRAME_SIGMA_M, FRAME_SIGMA_RAD = 1e-3, 1e-4
+"""The landmark's pose is the frame: certain, but never singular."""
+
+
+class MrclamOptions(Table):
+    """How a data set becomes a mission. Sigmas are what its residuals show over five robots and 750 s of data set 6."""
+
+    landmark: Annotated[int, Field(ge=1, le=5)] = 1
+    movers: Annotated[tuple[Annotated[int, Field(ge=1, le=5)], ...], Field(strict=False)] = ()
+    """Empty: every other robot that the landmark sees or is seen by in the mission's time."""
+    start_s: NonNegative | None = None
+    """Since the landmark's first odometry; None: where it stands still for the longest time."""
+    duration_s: Positive | None = None
+    """None: until the landmark moves again."""
+    interval_s: Positive = 1.0
+    """The schedule: at most one fix of each mover in each interval."""
+    pair_within_s: NonNegative = 0.2
+    """So far apart in time, at most, are the two directions of one fix."""
+    dropout_share: Probability = 0.1
+    """Share of fixes that are lost."""
+    position_sigma_m: Positive = 1.0
+    heading_sigma_deg: Positive = 5.0
+    """Prior of the movers, drawn."""
+    velocity_sigma_mps: Positive = 0.02
+    turn_rate_sigma_degps: Positive = 5.2
+    """White, each sample at 5 Hz: 2.3 deg/sqrt(s)."""
+    range_sigma_m: Positive = 0.2
+    bearing_sigma_deg: Positive = 2.0
+    settle_s: NonNegative = 10.0
+    """Errors count from here on."""
+
+
+@dataclass(frozen=True)
+class _Robot:
+    odometry: Array
+    """(N, 3) time s, forward m/s, yaw rate rad/s; each holds until the next."""
+    measured: Array
+    """(N, 4) time s, barcode, range m, bearing rad."""
+    truth: Array
+    """(N, 4) time s, x m, y m, yaw rad."""
+
+
+def is_mrclam(path: str | Path) -> bool:
+    """Whether this is the folder of an MRCLAM data set."""
+    return any((Path(path) / name).is_file() for name in (BARCODES, f"{BARCODES}.gz"))
+
+
+def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog:
+    """A mission of one robot that stands still and others that move.
+
+    Args:
+        folder: with `Barcodes.dat`, `RobotK_Odometry.dat`, `RobotK_Measurement.dat` and `RobotK_Groundtruth.dat`,
+            each as it is or with `.gz`.
+        seed: of the priors and the losses that are drawn on top.
+        options: of `MrclamOptions`.
+
+    Raises:
+        LogError: a file or option that cannot be used; one line.
+    """
+    path = Path(folder)
+    try:
+        told = MrclamOptions(**options)
+    except ValidationError as error:
+        raise LogError(one_line(error, options, "mrclam")) from None
+    robots, barcode_of = _data_set(path)
+    if told.landmark not in robots:
+        raise LogError(f"mrclam {path}: has no robot {told.landmark}")
+    landmark = robots[told.landmark]
+    start_s, end_s = _span(landmark, told, f"mrclam {path}")
+    seen = {
+        r: _sightings(robots, barcode_of, told.landmark, r, (start_s, end_s))
+        for r in robots
+        if r != told.landmark
+    }
+    movers = told.movers or tuple(r for r, (own, peer) in seen.items() if len(own) + len(peer))
+    for mover in movers:
+        if mover not in seen:
+            raise LogError(f"mrclam {path}: robot {mover} is the landmark or missing: it cannot be a mover")
+    if not movers:
+        raise LogError(
+            f"mrclam {path}: robot {told.landmark} and the others do not see each other in this time"
+        )
+    times_s = start_s + np.arange(math.floor((end_s - start_s) * RATE_HZ) + 1) / RATE_HZ
+    frame = _pose(landmark, np.array([start_s]))[0]
+    team = (told.landmark, *movers)
+    poses = np.stack([_in_frame(frame, _pose(robots[r], times_s)) for r in team])
+    poses[0] = 0.0  # it stands, also where its recording of the truth ends before it does
+    return MissionLog(
+        name=f"mrclam-{path.resolve().name}",
+        seed=seed,
+        vehicles=tuple(f"R{r}" for r in team),
+        duration_ns=(len(times_s) - 1) * 1_000_000_000 // RATE_HZ,
+        link=_link(),
+        events=_events(told, seed, [robots[r] for r in team], [seen[r] for r in movers], times_s, poses),
+        scenario=_scenario(told),
+        truth=_truth([f"R{r}" for r in team], poses),
+    )
+
+
+def _span(landmark: _Robot, told: MrclamOptions, where: str) -> tuple[float, float]:
+    """When the mission begins and ends, in the data set's time."""
+    table = landmark.odometry
+    first, last = float(table[0, 0]), float(table[-1, 0])
+    still = (np.abs(table[:, 1]) < STILL[0]) & (np.abs(table[:, 2]) < STILL[1])
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
+    begins = table[edges[::2], 0]
+    ends = table[np.minimum(edges[1::2], len(table) - 1), 0]
+    if not begins.size:
+        raise LogError(f"{where}: robot {told.landmark} never stands still: it cannot be the landmark")
+    if told.start_s is None:
+        k = int(np.argmax(ends - begins))
+        start_s = float(begins[k])
+    else:
+        start_s = first + told.start_s
+        k = int(np.searchsorted(begins, start_s, side="right")) - 1
+    stands_until = float(ends[k]) if k >= 0 and begins[k] <= start_s <= ends[k] else start_s
+    end_s = stands_until if told.duration_s is None else start_s + told.duration_s
+    if end_s > stands_until or end_s > last or end_s - start_s < 1:
+        raise LogError(
+            f"{where}: robot {told.landmark} stands still from {start_s - first:.1f} s to "
+            f"{stands_until - first:.1f} s, the mission would last until {end_s - first:.1f} s: "
+            "must be within, and a second at least"
+        )
+    return start_s, end_s
+
+
+def _sightings(
+    robots: dict[int, _Robot],
+    barcode_of: dict[int, int],
+    landmark: int,
+    mover: int,
+    span: tuple[float, float],
+) -> tuple[Array, Array]:
+    """(time, range, bearing) of the landmark by the mover, and of the mover by the landmark, (K, 3) each."""
+    both = []
+    for observer, subject in ((mover, landmark), (landmark, mover)):
+        rows = robots[observer].measured
+        mine = (rows[:, 1] == barcode_of[subject]) & (rows[:, 0] >= span[0]) & (rows[:, 0] <= span[1])
+        mine &= rows[:, 2] > 0
+        both.append(rows[mine][:, [0, 2, 3]])
+    return both[0], both[1]
+
+
+def _fixes(
+    told: MrclamOptions, sightings: tuple[Array, Array], start_s: float, rng: np.random.Generator
+) -> Array:
+    """(time, range, own bearing, peer's bearing), (K, 4), thinned out and with losses; NaN: not measured."""
+    own, peer = sightings
+    count = int(len(own) + len(peer))
+    rows = np.full((count, 4), np.nan)
+    rows[: len(own), :3] = own
+    rows[len(own) :, [0, 1, 3]] = peer
+    for k in range(len(own)) if len(peer) else ():
+        near = int(np.argmin(np.abs(peer[:, 0] - own[k, 0])))
+        if abs(peer[near, 0] - own[k, 0]) <= told.pair_within_s:
+            rows[k, 3] = peer[near, 2]
+    # In each interval the sighting that says most, the first of equals.
+    slot = np.floor((rows[:, 0] - start_s) / told.interval_s)
+    order = np.lexsort((rows[:, 0], np.isnan(rows).sum(axis=1), slot))
+    kept = rows[order][np.unique(slot[order], return_index=True)[1]]
+    return kept[rng.random(len(kept)) >= told.dropout_share]
+
+
+def _events(
+    told: MrclamOptions,
+    seed: int,
+    robots: list[_Robot],
+    sightings: list[tuple[Array, Array]],
+    times_s: Array,
+    poses: Array,
+) -> dict[str, Columns]:
+    count = len(robots)
+    t_ns = np.arange(len(times_s), dtype=np.int64) * (1_000_000_000 // RATE_HZ)
+    starts, everyone = np.zeros(count, dtype=np.int64), np.arange(count)
+    sigma_m = np.array([FRAME_SIGMA_M] + [told.position_sigma_m] * (count - 1))
+    sigma_rad = np.array([FRAME_SIGMA_RAD] + [math.radians(told.heading_sigma_deg)] * (count - 1))
+    draws = np.array([stream(seed, v, Purpose.DEPLOYMENT).standard_normal(3) for v in range(count)])
+    draws[0] = 0.0
+    first = poses[:, 0] + draws * np.column_stack([sigma_m, sigma_m, sigma_rad])
+    moved = np.stack([_held(robot.odometry, times_s) for robot in robots]) * RATE_HZ
+    steps = len(times_s) - 1
+    each, who = np.tile(t_ns[:-1], count), np.repeat(everyone, steps)
+    fixes = []
+    for v, seen in enumerate(sightings, start=1):
+        rows = _fixes(told, seen, float(times_s[0]), stream(seed, v, Purpose.MUTUAL_LUCK))
+        fixes.append(np.column_stack([np.full(len(rows), v), rows]))
+    fix = np.concatenate(fixes)
+    at = np.round((fix[:, 1] - times_s[0]) * 1e9).astype(np.int64)
+    inside = (at >= 0) & (at <= t_ns[-1])
+    fix, at = fix[inside], at[inside]
+    return {
+        "fix": event_columns(
+            "fix", starts, everyone, e_m=first[:, 0], n_m=first[:, 1],
+            cov_ee_m2=sigma_m**2, cov_en_m2=np.zeros(count), cov_nn_m2=sigma_m**2,
+        ),
+        "heading": event_columns("heading", starts, everyone, yaw_rad=wrap_angle(first[:, 2]), sigma_rad=sigma_rad),
+        "ground_velocity": event_columns(
+            "ground_velocity", each, who, forward_mps=moved[:, :, 0].ravel(), left_mps=np.zeros(count * steps),
+            sigma_mps=np.full(count * steps, told.velocity_sigma_mps),
+        ),
+        "turn_rate": event_columns(
+            "turn_rate", each, who, yaw_rate_radps=moved[:, :, 1].ravel(),
+            sigma_radps=np.full(count * steps, math.radians(told.turn_rate_sigma_degps)),
+        ),
+        "acoustic_fix": event_columns(
+            "acoustic_fix", at, fix[:, 0].astype(np.int64), peer=np.zeros(len(fix), dtype=np.int64), transmit_ns=at,
+            range_m=fix[:, 2], own_bearing_rad=wrap_angle(fix[:, 3]), peer_bearing_rad=wrap_angle(fix[:, 4]),
+        ),
+        "landed": event_columns("landed", [0], [0]),
+        "role_taken": event_columns("role_taken", starts, everyone, landmark=everyone == 0),
+    }  # fmt: skip
+
+
+def _held(odometry: Array, times_s: Array) -> Array:
+    """Distance and turn between times (K + 1,) by values that hold until the next, (K, 2)."""
+    known = odometry[:, 0]
+    sums = np.vstack([np.zeros(2), np.cumsum(odometry[:-1, 1:] * np.diff(known)[:, None], axis=0)])
+    return np.column_stack([np.diff(np.interp(times_s, known, column)) for column in sums.T])
+
+
+def _pose(robot: _Robot, times_s: Array) -> Array:
+    """True (x, y, yaw) at times, (K, 3); the last known one after the end."""
+    table = robot.truth
+    x, y = (np.interp(times_s, table[:, 0], column) for column in table[:, 1:3].T)
+    inside = np.clip(times_s, table[0, 0], table[-1, 0])
+    return np.column_stack([x, y, true_yaw_rad(table[:, 0], table[None, :, 3], inside)[0]])
+
+
+def _in_frame(frame: Array, poses: Array) -> Array:
+    """Poses (K, 3) seen from a pose."""
+    angle = np.full(len(poses), -frame[2])
+    return np.column_stack([turned(poses[:, :2] - frame[:2], angle), wrap_angle(poses[:, 2] - frame[2])])
+
+
+def _truth(names: list[str], poses: Array) -> xr.Dataset:
+    return xr.Dataset(
+        {
+            "position_m": (("vehicle", "time", "axis"), poses[:, :, :2], {"units": "m"}),
+            "yaw_rad": (("vehicle", "time"), poses[:, :, 2], {"units": "rad"}),
+        },
+        coords={
+            "vehicle": names,
+            "time": ("time", np.arange(poses.shape[1]) / RATE_HZ, {"units": "s"}),
+            "axis": ["east", "north"],
+        },
+    )
+
+
+def _scenario(told: MrclamOptions) -> dict[str, Any]:
+    """What a replay needs to know beside the events: which navigators, and how good the sensors are."""
+    return {
+        "mrclam": told.model_dump(mode="json", exclude_none=True),
+        "metrics": {"settle_s": told.settle_s},
+        "navigators": ["dead-reckoning-dvl", "landmark-paper", "landmark-ekf", "landmark"],
+        "navigator": {
+            "all": {
+                "sigma_range_m": told.range_sigma_m,
+                "sigma_own_bearing_deg": told.bearing_sigma_deg,
+                "sigma_peer_bearing_deg": told.bearing_sigma_deg,
+                "outlier_width_m": ROOM_M,
+                "sigma_velocity_constant_mps": told.velocity_sigma_mps,
+                "sigma_velocity_root": 0.0,
+                "sigma_yaw_rate_degps": told.turn_rate_sigma_degps,
+            }
+        },
+    }
+
+
+def _link() -> Link:
+    modem = MODEMS["aloc"]
+    return Link("aloc", modem.frame_bytes, modem.max_frames, modem.frame_s, modem.preamble_s, 1500.0)
+
+
+def _data_set(folder: Path) -> tuple[dict[int, _Robot], dict[int, int]]:
+    """Robots by number, and the barcode of each subject."""
+    barcode_of = {int(subject): int(barcode) for subject, barcode in _rows(folder, BARCODES, 2)}
+    robots = {}
+    for number in range(1, 6):
+        if _file(folder, f"Robot{number}_Odometry.dat") is not None:
+            robots[number] = _Robot(
+                _rows(folder, f"Robot{number}_Odometry.dat", 3),
+                _rows(folder, f"Robot{number}_Measurement.dat", 4),
+                _rows(folder, f"Robot{number}_Groundtruth.dat", 4),
+            )
+            if number not in barcode_of:
+                raise LogError(f"mrclam {folder}: {BARCODES} has no subject {number}")
+    return robots, barcode_of
+
+
+def _file(folder: Path, name: str) -> Path | None:
+    return next((path for path in (folder / name, folder / f"{name}.gz") if path.is_file()), None)
+
+
+def _rows(folder: Path, name: str, columns: int) -> Array:
+    path = _file(folder, name)
+    if path is None:
+        raise LogError(f"mrclam {folder}: has no {name} (or {name}.gz)")
+    return _read(path, path.stat().st_mtime_ns, columns)
+
+
+@lru_cache(maxsize=32)
+def _read(path: Path, _changed_ns: int, columns: int) -> Array:
+    # A study reads the same data set for each of its missions; an edited file is read again.
+    try:
+        with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
+            text = file.read()
+    except (OSError, EOFError, UnicodeDecodeError) as error:
+        raise LogError(f"mrclam {path}: cannot be read: {' '.join(str(error).split())}") from error
+    lines = [
+        (k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"
+    ]
+    try:
+        rows = np.loadtxt([line for _, line in lines], dtype=np.float64, ndmin=2)
+    except ValueError:
+        rows = np.empty((0, 0))
+    if rows.shape != (len(lines), columns) or not np.isfinite(rows).all():
+        bad = next((k for k, line in lines if not _numbers(line.split(), columns)), len(lines))
+        raise LogError(f"mrclam {path}: line {bad} is not {columns} numbers")
+    if "Barcodes" not in path.name and (np.diff(rows[:, 0]) < 0).any():
+        k = int(np.argmax(np.diff(rows[:, 0]) < 0)) + 1
+        raise LogError(f"mrclam {path}: time goes back in line {lines[k][0]}: must ascend")
+    return rows
+
+
+def _numbers(cells: list[str], columns: int) -> bool:
+    try:
+        return len(cells) == columns and all(math.isfinite(float(cell)) for cell in cells)
+    except ValueError:
+        return False

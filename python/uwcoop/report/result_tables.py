@@ -1,0 +1,200 @@
+"""Tables for the terminal: a run's and a study's summary, consistency beside accuracy in each."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from uwcoop.evaluation import metrics
+
+OVERCONFIDENT_ANEES = 4.0
+CONSERVATIVE_ANEES = 1.0
+"""Twice and half the ideal 2: beyond, the stated variance is off by a factor two, and the table says so."""
+
+
+def summary_table(
+    summary: Mapping[str, Any], *, settle_s: float, not_realisable: Collection[str] = ()
+) -> Table:
+    """A run's `summary.json`: one block per navigator, one line in it per vehicle; 80 columns wide.
+
+    Columns that apply to nobody are left out. `not_realisable` names the navigators that were told what no
+    vehicle could know; they are marked.
+    """
+    navigators = summary["navigators"]
+    vehicles = [values for navigator in navigators.values() for values in navigator["vehicles"].values()]
+    undefined = any(values.get("nees_not_finite") for values in vehicles)
+    table = _table(
+        f"{summary['mission']}, seed {summary['seed']}",
+        f"Errors over the instants of the 1 Hz grid after {settle_s:g} s. {_ANEES_CAPTION}"
+        + (" (n): infinite or undefined at n instants." if undefined else "")
+        + " Instants of one run are correlated: judge consistency over many runs.",
+    )
+    columns = _applicable(_RUN_COLUMNS, vehicles)
+    names = {name: _navigator_cell(name, navigator, not_realisable) for name, navigator in navigators.items()}
+    table.add_column("navigator\npacket mean / max\nrun time, × real", min_width=_width(names.values()))
+    lines = [Text(vehicle) for navigator in navigators.values() for vehicle in navigator["vehicles"]]
+    table.add_column("vehicle", no_wrap=True, min_width=_width([Text("vehicle"), *lines]))
+    blocks = {
+        name: [
+            [_cell(key, values, form) for values in navigator["vehicles"].values()]
+            for key, _, form in columns
+        ]
+        for name, navigator in navigators.items()
+    }
+    for k, (_, heading, _) in enumerate(columns):
+        _number_column(table, heading, [cell for block in blocks.values() for cell in block[k]])
+    for name, navigator in navigators.items():
+        cells = [Text("\n").join(column) for column in blocks[name]]
+        table.add_row(names[name], "\n".join(navigator["vehicles"]), *cells, end_section=True)
+    return table
+
+
+def study_table(
+    summary: Mapping[str, Any],
+    *,
+    settle_s: float,
+    vehicles: int | None = None,
+    not_realisable: Collection[str] = (),
+) -> Group:
+    """A study's `summary.json`: a table for each variant, all of one layout, one row per navigator.
+
+    Columns that apply to nobody are left out. With the number of `vehicles` the caption gives the interval in
+    which the NEES of a consistent navigator, averaged over runs and vehicles at one instant, lies 95 % of the
+    time.
+    """
+    bounds = ""
+    if vehicles is not None:
+        low, high = metrics.anees_bounds(2, summary["runs"] * vehicles)
+        bounds = f" At one instant, 95 % of consistent teams average {low:.2f} to {high:.2f}."
+    caption = (
+        f"Errors over the instants of the 1 Hz grid after {settle_s:g} s, all runs and vehicles. "
+        f"{_ANEES_CAPTION}{bounds} Lost: more than {metrics.LOST_BEYOND_M:g} m off at the end."
+    )
+    variants = summary["variants"]
+    every = [values for variant in variants for values in variant["navigators"].values()]
+    columns = _applicable(_STUDY_COLUMNS, every)
+    names = [_name(name, not_realisable) for variant in variants for name in variant["navigators"]]
+    runs = f"{summary['scenario']}, {summary['runs']} run{'s' if summary['runs'] != 1 else ''}"
+    tables = []
+    for variant in variants:
+        settings = ", ".join(f"{key} = {value}" for key, value in variant["set"].items())
+        last = variant is variants[-1]
+        table = _table(f"{runs}: {settings}" if settings else runs, caption if last else None)
+        table.add_column("navigator", min_width=_width([Text("navigator"), *names]))
+        for key, heading, form in columns:
+            _number_column(table, heading, [_cell(key, values, form) for values in every])
+        for name, values in variant["navigators"].items():
+            cells = (_cell(key, values, form) for key, _, form in columns)
+            table.add_row(_name(name, not_realisable), *cells)
+        tables.append(table)
+    return Group(*tables)
+
+
+_ANEES_CAPTION = (
+    f"ANEES: 2 is ideal; ▲ above {OVERCONFIDENT_ANEES:g} is overconfident, "
+    f"▽ below {CONSERVATIVE_ANEES:g} conservative."
+)
+
+_ALWAYS = {"rmse_m", "final_error_m", "anees", "median_final_error_m", "lost_share"}
+
+_Columns = tuple[tuple[str, str, str], ...]
+
+_THREE_DIGITS = "three digits"
+"""A form of three significant digits, none dropped before the point: the tables have many columns."""
+
+_RUN_COLUMNS: _Columns = (
+    ("rmse_m", "RMSE\n(m)", _THREE_DIGITS),
+    ("median_error_m", "median\n(m)", _THREE_DIGITS),
+    ("p95_error_m", "95 %\n(m)", _THREE_DIGITS),
+    ("final_error_m", "final\n(m)", _THREE_DIGITS),
+    ("anees", "ANEES\n(2)", _THREE_DIGITS),
+    ("state_anees_per_dof", "state\nANEES\n/dof (1)", _THREE_DIGITS),
+    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", _THREE_DIGITS),
+    ("rmse_over_bound", "RMSE\n/\nbound", _THREE_DIGITS),
+    ("rmse_over_linearised_bound", "/ lin.\nbound", _THREE_DIGITS),
+    ("rejected", "re-\njected", "{:.0f}"),
+)
+
+_STUDY_COLUMNS: _Columns = (
+    ("median_final_error_m", "final\nmedian\n(m)", _THREE_DIGITS),
+    ("p95_final_error_m", "final\n95 %\n(m)", _THREE_DIGITS),
+    ("median_rmse_m", "RMSE\nmedian\n(m)", _THREE_DIGITS),
+    ("anees", "ANEES\nmean\n(2)", _THREE_DIGITS),
+    ("anees_median", "ANEES\nmedian\n(2)", _THREE_DIGITS),
+    ("state_anees_per_dof", "state\nANEES\n/dof (1)", _THREE_DIGITS),
+    ("lost_share", "lost\n\n(%)", "{:.0%}"),
+    ("rmse_over_bound", "RMSE\n/\nbound", _THREE_DIGITS),
+    ("rmse_over_linearised_bound", "/ lin.\nbound", _THREE_DIGITS),
+    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", _THREE_DIGITS),
+    ("packet_bytes_max", "sent\nmax\n(B)", "{:.0f}"),
+    ("seconds", "run\ntime\n(s)", _THREE_DIGITS),
+)
+
+
+def _table(title: str, caption: str | None) -> Table:
+    return Table(
+        title=title, caption=caption, caption_justify="left", header_style="bold", box=SIMPLE_HEAD,
+        padding=0, pad_edge=False,
+    )  # fmt: skip
+
+
+def _applicable(columns: _Columns, values: list[Mapping[str, Any]]) -> _Columns:
+    return tuple(c for c in columns if c[0] in _ALWAYS or any(v.get(c[0]) is not None for v in values))
+
+
+def _number_column(table: Table, heading: str, cells: list[Text]) -> None:
+    """A column that never loses a digit, however narrow the terminal."""
+    table.add_column(
+        heading, justify="right", no_wrap=True, min_width=max(_width(cells), _width([Text(heading)]))
+    )
+
+
+def _width(cells: Iterable[Text]) -> int:
+    return max(len(line) for cell in cells for line in cell.plain.split("\n"))
+
+
+def _name(name: str, not_realisable: Collection[str]) -> Text:
+    text = Text(name, style="bold")
+    if name in not_realisable:
+        text.append("\nnot realisable", style="not bold italic")
+    return text
+
+
+def _navigator_cell(name: str, navigator: Mapping[str, Any], not_realisable: Collection[str]) -> Text:
+    sizes, speedup = navigator["packet_bytes"], navigator["speedup"]
+    text = _name(name, not_realisable)
+    sent = "no packets" if sizes["max"] is None else f"{sizes['mean']:.1f} / {sizes['max']:.0f} B"
+    polls = navigator.get("sent", {}).get("polls")
+    if polls:
+        sent += f", {polls} polls"
+    fast = "" if speedup is None else f", × {speedup:,.0f}"
+    return text.append(f"\n{sent}\n{navigator['seconds']:.2f} s{fast}", style="not bold dim")
+
+
+def _cell(key: str, values: Mapping[str, Any], form: str) -> Text:
+    value = values.get(key)
+    text = _number(value, form)
+    undefined = values.get("nees_not_finite") if key == "anees" else None
+    if undefined:
+        return Text(f"▲ {text} ({undefined})", style="bold red")
+    if key in ("anees", "anees_median") and value is not None:
+        if value > OVERCONFIDENT_ANEES:
+            return Text(f"▲ {text}", style="bold red")
+        if value < CONSERVATIVE_ANEES:
+            return Text(f"▽ {text}", style="yellow")
+    return Text(text)
+
+
+def _number(value: float | None, form: str) -> str:
+    if value is None:
+        return "–"
+    if abs(value) >= 1e5:
+        return f"{value:.0e}"
+    if form == _THREE_DIGITS:
+        return f"{value:.{0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2}f}"
+    return form.format(value).rstrip("%")

@@ -1,0 +1,1 @@
+"""Missions of hovering vehicles that take turns as the landmark."""

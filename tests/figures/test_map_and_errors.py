@@ -1,0 +1,193 @@
+"""Pictures: drawn without a display, nothing cut off, and what must be seen is there as pixels."""
+
+from __future__ import annotations
+
+import io
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fake_mission import mission
+
+pytest.importorskip("matplotlib", reason="matplotlib is not installed")
+
+from matplotlib.image import imread
+
+from uwcoop.charts import Chart
+from uwcoop.errors import MissingDependencyError
+from uwcoop.evaluation.nees import CHI2_95_2D
+from uwcoop.figures.errors import errors_figure
+from uwcoop.figures.map import ellipse, hillshade, map_figure
+from uwcoop.figures.style import LOST_COLOUR, OKABE_ITO, RECEIVED_COLOUR, REJECTED_COLOUR
+
+
+def pixels(figure: Any) -> np.ndarray[Any, Any]:
+    """RGB (rows, columns, 3) of 0 to 255 as saved by default."""
+    file = io.BytesIO()
+    figure.savefig(file, format="png")
+    file.seek(0)
+    return np.round(imread(file)[..., :3] * 255).astype(int)
+
+
+def count(image: np.ndarray[Any, Any], colour: str, within: int = 12) -> int:
+    """Pixels that are nearly of this colour."""
+    rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return int((np.abs(image - rgb).max(-1) <= within).sum())
+
+
+def assert_whole(image: np.ndarray[Any, Any]) -> None:
+    """A white margin all around: neither label nor legend is cut off by the picture's edge."""
+    for edge in (image[:3], image[-3:], image[:, :3], image[:, -3:]):
+        assert (edge > 250).all()
+
+
+def test_map_shows_chart_paths_and_panels() -> None:
+    m = mission(duration_s=300)
+    figure = map_figure(m.tracks, m.chart)
+    image = pixels(figure)
+    assert_whole(image)
+    assert image.shape[1] > 1500
+    for colour in OKABE_ITO[:3]:
+        assert count(image, colour) > 1500, colour  # three vehicles, three panels
+    assert count(image, "#111111") > 3000  # true paths and marks
+    titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
+    assert titles == ["dead-reckoning", "dmpf", "mpf"]
+    assert figure.axes[0].get_xlim() == figure.axes[1].get_xlim()
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels[:4] == ["auv-1", "auv-2", "auv-3", "true path"]
+    bar = figure.axes[-1]
+    assert bar.get_ylabel() == "water depth (m)"
+    assert bar.get_ylim()[0] > bar.get_ylim()[1]  # deep is down
+
+
+def test_map_without_tracks_drawn_would_differ() -> None:
+    """Guards the pixel counts above: the chart alone has none of the vehicles' colours."""
+    m = mission(duration_s=60, vehicles=1, navigators=("mpf",))
+    m.tracks["position_m"][:] = np.nan
+    m.tracks["truth_position_m"][:] = np.nan
+    image = pixels(map_figure(m.tracks, m.chart))
+    legend = count(image, OKABE_ITO[0])
+    assert legend < 200
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 500  # the chart is there, shaded
+
+
+def test_an_estimate_far_away_does_not_shrink_the_map() -> None:
+    m = mission(duration_s=120)
+    near = map_figure(m.tracks, m.chart).axes[0].get_xlim()
+    m.tracks["position_m"][0, 1] += np.linspace(0, 30_000, m.tracks.sizes["time"])[:, None]
+    figure = map_figure(m.tracks, m.chart)
+    far = figure.axes[0].get_xlim()
+    assert far[1] - far[0] < 3 * (near[1] - near[0])
+    assert "auv-2 leaves the frame by 29" in figure.axes[0].texts[0].get_text()
+    assert_whole(pixels(figure))
+
+
+@pytest.mark.parametrize("count_of_navigators", [1, 4])
+def test_map_in_rows(count_of_navigators: int) -> None:
+    names = ("dead-reckoning", "dmpf", "terrain-only", "ranging-only", "mpf")[:count_of_navigators]
+    m = mission(duration_s=80, navigators=names, vehicles=8, holes=False)
+    figure = map_figure(m.tracks, m.chart)
+    assert_whole(pixels(figure))
+    assert [axes.get_title() for axes in figure.axes if axes.get_title()] == list(names)
+    assert "no chart" not in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_ellipse_holds_95_percent() -> None:
+    covariance = np.array([[4.0, 1.5], [1.5, 1.0]])
+    outline = ellipse(np.array([10.0, -5.0]), covariance) - [10.0, -5.0]
+    square = np.einsum("ni,ni->n", outline, np.linalg.solve(covariance, outline.T).T)
+    np.testing.assert_allclose(square, CHI2_95_2D)
+    assert pytest.approx(5.991464547) == CHI2_95_2D
+    assert np.isnan(ellipse(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]))).all()
+    assert np.isnan(ellipse(np.zeros(2), np.full((2, 2), np.nan))).all()
+
+
+def test_hillshade_is_lit_from_the_north_west() -> None:
+    axis = np.arange(50.0)
+    rises_north_west = (
+        axis[None, :] - axis[:, None]
+    )  # depth grows to the south-east: slope faces the south-east
+    assert hillshade(rises_north_west, 1.0)[25, 25] < hillshade(-rises_north_west, 1.0)[25, 25]
+    np.testing.assert_allclose(hillshade(np.zeros((5, 5)), 1.0), np.sqrt(0.5))
+
+
+def test_errors_show_lines_ticks_and_spans() -> None:
+    m = mission(duration_s=300)
+    figure = errors_figure(m.tracks, m.packets)
+    image = pixels(figure)
+    assert_whole(image)
+    for colour in OKABE_ITO[:3]:
+        assert count(image, colour) > 2000, colour
+    assert count(image, RECEIVED_COLOUR, 4) > 1000
+    assert count(image, LOST_COLOUR, 4) > 500
+    assert count(image, REJECTED_COLOUR, 4) > 50
+    rows = figure.axes[::2]
+    assert [axes.get_ylabel() for axes in rows] == [f"auv-{k}\nerror (m)" for k in (1, 2, 3)]
+    assert figure.axes[-1].get_xlabel() == "time (s)"
+    assert {axes.get_yscale() for axes in rows} == {"log"}
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"packet received", "lost", "refused by the navigator", "settling, 50 s", "off the chart"} <= {
+        *labels
+    }
+
+
+def test_each_arrival_has_its_tick() -> None:
+    m = mission(duration_s=200, navigators=("mpf",))
+    figure = errors_figure(m.tracks, m.packets)
+    for vehicle, strip in enumerate(figure.axes[1::2]):
+        drawn = [len(lines.get_segments()) for lines in strip.collections]
+        own = m.packets["receiver"] == vehicle
+        accepted, received = m.packets["accepted"][own], m.packets["received"][own]
+        assert drawn == [accepted.sum(), (received & ~accepted).sum(), (~received).sum()]
+        assert drawn[2] > 0
+
+
+def test_scale_is_linear_where_all_are_readable() -> None:
+    m = mission(duration_s=200, navigators=("dmpf", "mpf"))
+    figure = errors_figure(m.tracks)
+    assert {axes.get_yscale() for axes in figure.axes[::2]} == {"linear"}
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "lost" in labels
+    assert "refused by the navigator" not in labels  # tracks alone cannot tell
+    m.tracks["position_m"][0] += 5000.0
+    assert {axes.get_yscale() for axes in errors_figure(m.tracks).axes[::2]} == {"log"}
+
+
+def test_pictures_of_broken_tracks_do_not_crash() -> None:
+    m = mission(duration_s=60, vehicles=2)
+    m.tracks["covariance_m2"][0] = np.nan
+    m.tracks["covariance_m2"][1] = -1.0
+    m.tracks["position_m"][2, 0, 30:] = np.nan
+    m.tracks["truth_position_m"][1] = np.nan
+    silent = {key: column[:0] for key, column in m.packets.items()}
+    for figure in (map_figure(m.tracks, m.chart), errors_figure(m.tracks, silent)):
+        assert_whole(pixels(figure))
+    m.tracks["truth_position_m"][:] = np.nan
+    for figure in (map_figure(m.tracks, m.chart), errors_figure(m.tracks, m.packets)):
+        assert_whole(pixels(figure))
+
+
+def test_the_global_backend_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures come from `Figure` directly: pyplot, and with it a display, is never asked for."""
+    monkeypatch.setitem(sys.modules, "matplotlib.pyplot", None)  # importing it now fails
+    m = mission(duration_s=60, vehicles=1, navigators=("mpf",))
+    assert_whole(pixels(map_figure(m.tracks, m.chart)))
+    assert_whole(pixels(errors_figure(m.tracks, m.packets)))
+
+
+def test_flat_and_faraway_charts() -> None:
+    m = mission(duration_s=60, vehicles=1, navigators=("mpf",))
+    flat = Chart(np.full((400, 400), 12.0), 200.0, 400.0, 1.0)
+    assert_whole(pixels(map_figure(m.tracks, flat)))
+    figure = map_figure(m.tracks, Chart(np.full((9, 9), 12.0), -9000.0, 0.0, 1.0))
+    assert_whole(pixels(figure))
+    assert "no chart" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_without_matplotlib_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    m = mission(duration_s=60, vehicles=1, navigators=("mpf",))
+    with pytest.raises(MissingDependencyError, match=r"uwcoop\[figures\]"):
+        map_figure(m.tracks, m.chart)

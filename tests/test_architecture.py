@@ -1,0 +1,91 @@
+"""The structure of the sources: what a reader relies on when looking for a thing."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "python" / "uwcoop"
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {
+    module_name(path): path for path in sorted(PACKAGE.rglob("*.py*")) if path.suffix in {".py", ".pyi"}
+}
+
+
+def imported(path: Path) -> set[str]:
+    """Modules of the package that a file imports at its top level, for typing alone included."""
+    found: set[str] = set()
+    inside_function = {
+        id(node)
+        for function in ast.walk(ast.parse(path.read_text()))
+        if isinstance(function, ast.FunctionDef)
+        for node in ast.walk(function)
+    }
+    for node in ast.walk(ast.parse(path.read_text())):
+        if id(node) in inside_function:
+            continue
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("uwcoop"):
+            for alias in node.names:
+                whole = f"{node.module}.{alias.name}"
+                found.add(whole if whole in MODULES else node.module)
+        elif isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names if alias.name in MODULES}
+    return found & set(MODULES)
+
+
+def circles(edges: dict[str, set[str]]) -> list[set[str]]:
+    """Strongly connected components of more than one module (Tarjan 1972)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[set[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in sorted(edges[node]):
+            if other not in index:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], index[other])
+        if low[node] == index[node]:
+            component = set(stack[stack.index(node) :])
+            del stack[stack.index(node) :]
+            if len(component) > 1:
+                found.append(component)
+
+    for node in edges:
+        if node not in index:
+            visit(node)
+    return found
+
+
+def test_no_module_imports_itself_through_others() -> None:
+    edges = {name: imported(path) - {name} for name, path in MODULES.items()}
+    assert len(edges) > 100, "the guard must find the package"
+    assert circles({"a": {"b"}, "b": {"a"}, "c": set()}) == [{"a", "b"}]
+    assert circles(edges) == []
+
+
+def test_few_modules_stand_beside_the_packages() -> None:
+    beside = {path.name for path in PACKAGE.glob("*.py*")} - {"__init__.py"}
+    assert beside >= {"frames.py", "errors.py", "kernels.py"}
+    assert len(beside) <= 6, beside
+
+
+@pytest.mark.parametrize("folder", ["python/uwcoop", "crates/core/src", "crates/python/src"])
+def test_files_are_short_enough_to_be_read(folder: str) -> None:
+    files = [p for p in (ROOT / folder).rglob("*") if p.suffix in {".py", ".rs"} and "kernels" not in p.parts]
+    assert len(files) > 10
+    long = {str(p.relative_to(ROOT)): n for p in files if (n := len(p.read_text().splitlines())) > 350}
+    assert long == {}
