@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,7 +29,8 @@ class OneLineErrors(TyperGroup):
         from uwcoop.report.interruption import Interrupted, caught
 
         try:
-            with caught():
+            with caught(), warnings.catch_warnings():
+                warnings.showwarning = _note
                 return super().invoke(ctx)
         except BrokenPipeError:
             raise  # `uwcoop … | head` is no error: click ends quietly
@@ -41,6 +43,10 @@ class OneLineErrors(TyperGroup):
             number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
             say("terminated" if number == signal.SIGTERM else "interrupted")
             raise typer.Exit(128 + number) from None
+
+
+def _note(message: Warning | str, *_: Any, **__: Any) -> None:
+    say(f"note: {' '.join(str(message).split())}")
 
 
 def names_of(listed: str | None) -> list[str] | None:

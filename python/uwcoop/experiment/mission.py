@@ -12,6 +12,7 @@ from uwcoop import scenario as scenarios
 from uwcoop.errors import LogError, ScenarioError
 from uwcoop.missionlog import MissionLog
 from uwcoop.missionlog.validate import validate
+from uwcoop.scenario.secrets import redact
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -107,7 +108,7 @@ def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence
     for override, table in tables.items():
         if table not in possible:
             raise ScenarioError(
-                f"override {override!r}: mission {log.name!r} is a log and has happened, "
+                f"override {redact(override)!r}: mission {log.name!r} is a log and has happened, "
                 "only navigator.* can be changed"
             )
     if chart is not None:

@@ -9,6 +9,7 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -21,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from uwcoop import acoustics
 from uwcoop import scenario as scenarios
+from uwcoop.acoustics.authentication import KeyFileWarning, check_key
 from uwcoop.errors import ScenarioError, StudyError, UwcoopError
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.error_series import (
@@ -37,6 +39,7 @@ from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore, text_of
 from uwcoop.navigators import Custom, options_of
 from uwcoop.report.atomic_files import check_folder, lock_folder
 from uwcoop.report.interruption import deferred, ignored_in_children
+from uwcoop.scenario.secrets import holds_secret, sets_secret
 from uwcoop.world.simulate import open_chart, simulate
 
 if TYPE_CHECKING:
@@ -124,10 +127,12 @@ def study(
     """
     if runs < 1 or first_seed < 0:
         raise ScenarioError(f"runs is {runs} and first_seed {first_seed}: must be at least 1 and 0")
+    _refuse_secrets(overrides, vary or {})
     variants = list(_variants(scenario, overrides, vary or {}))
     chosen = _fit_everywhere(variants) if navigators is None else list(navigators)
     for variant in variants:
         acoustics.schedule(variant.scenario.acoustics, [v.name for v in variant.scenario.team], 0.0)
+        check_key(variant.scenario.resolved())
     with _sole_writer(None if out is None else Path(out)) as folder:
         ledger = StudyStore(
             folder,
@@ -196,6 +201,21 @@ def _labelled(flown: _Flown, variants: Sequence[_Variant], seed: int, first_seed
         for k, rows, _ in flown
         for row in rows
     ]
+
+
+def _refuse_secrets(overrides: Sequence[str], vary: Mapping[str, Sequence[Any]]) -> None:
+    """A study keeps what is varied in its files; a key has a place of its own.
+
+    Raises:
+        StudyError: a secret among the settings; the line does not repeat it.
+    """
+    varied = [key for key, values in vary.items() for value in values if holds_secret(key, value)]
+    varied += [text.partition("=")[0].strip() for text in overrides if sets_secret(text)]
+    if varied:
+        raise StudyError(
+            f"{varied[0]} sets a secret, which a study would keep: name its place instead, "
+            "acoustics.authentication.key_env or key_file"
+        )
 
 
 def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
@@ -318,6 +338,7 @@ def _cores() -> int:
 
 def _end_with_parent() -> None:
     """A worker whose parent is killed would wait for work for ever."""
+    warnings.simplefilter("ignore", KeyFileWarning)  # said once, by the parent
     parent = multiprocessing.parent_process()
     if parent is None:
         return

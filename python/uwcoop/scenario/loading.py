@@ -18,6 +18,7 @@ from uwcoop.importers.bounded import read_text, refused
 from uwcoop.scenario.base import nearest
 from uwcoop.scenario.chart import SYNTHETIC, ChartSpec
 from uwcoop.scenario.models import Scenario
+from uwcoop.scenario.secrets import redact
 from uwcoop.scenario.validation_message import one_line
 
 _PACKAGE = files("uwcoop.scenario") / "packaged_scenarios"
@@ -136,7 +137,7 @@ def alternatives(override: str) -> tuple[str, list[Any]]:
         values = [_value(part.strip(), override) for part in text.split(",")]
     said = [json.dumps(value, default=str) for value in values]
     if not values or len(set(said)) < len(said):
-        raise ScenarioError(f"{override!r}: needs one value or more, no two the same")
+        raise ScenarioError(f"{redact(override)!r}: needs one value or more, no two the same")
     return dotted, values
 
 
@@ -144,7 +145,7 @@ def _halves(override: str) -> tuple[str, str]:
     dotted, equals, text = override.partition("=")
     keys = [key.strip() for key in dotted.split(".")]
     if not equals or not all(keys):
-        raise ScenarioError(f"override {override!r} is not of the form dotted.key=value")
+        raise ScenarioError(f"override {redact(override)!r} is not of the form dotted.key=value")
     return ".".join(keys), text.strip()
 
 
@@ -157,7 +158,9 @@ def _value(text: str, override: str) -> Any:
         return parsed["value"]
     if _BARE_WORD.fullmatch(text):
         return text
-    raise ScenarioError(f'override {override!r}: {text!r} is no TOML value (a text needs quotes: "...")')
+    raise ScenarioError(
+        f'override {redact(override)!r}: {redact(text)!r} is no TOML value (a text needs quotes: "...")'
+    )
 
 
 def _set(table: dict[str, Any], keys: list[str], value: Any, override: str) -> None:
@@ -172,7 +175,9 @@ def _set(table: dict[str, Any], keys: list[str], value: Any, override: str) -> N
             index = _entry(at, key, ".".join(keys[:depth]), override)
         else:
             above = ".".join(keys[:depth])
-            raise ScenarioError(f"override {override!r}: '{above}' is {at!r}, not a table")
+            raise ScenarioError(
+                f"override {redact(override)!r}: '{above}' is {redact(repr(at))}, not a table"
+            )
         if last:
             at[index] = value
         else:
@@ -187,7 +192,7 @@ def _entry(entries: list[Any], key: str, above: str, override: str) -> int:
         return names.index(key)
     known = ", ".join(str(name) for name in names if name is not None)
     raise ScenarioError(
-        f"override {override!r}: '{above}' has no entry {key!r}: "
+        f"override {redact(override)!r}: '{above}' has no entry {key!r}: "
         f"0 to {len(entries) - 1}{' or ' + known if known else ''}"
     )
 
