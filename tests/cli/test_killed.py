@@ -214,8 +214,7 @@ def test_a_signal_ends_a_study_in_one_line_with_its_workers(
     assert {p.name for p in out.iterdir()} == {"runs.csv", "study.json"}
 
 
-@pytest.mark.parametrize("name", ["tracks.nc", "replay.rrd"])
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("number", "name"), [(signal.SIGINT, "tracks.nc"), (signal.SIGTERM, "replay.rrd")])
 def test_a_signal_while_a_file_is_written_leaves_nothing(
     number: signal.Signals, name: str, tmp_path: Path
 ) -> None:
@@ -231,5 +230,6 @@ def test_a_signal_while_a_file_is_written_leaves_nothing(
     at_work(started, writing())
     started.send_signal(number)
     stdout, stderr = started.communicate(timeout=60)
-    assert (started.returncode, stdout, stderr.count("\n")) == (128 + number, "", 1), stderr
+    lines = [line for line in stderr.splitlines() if not line.startswith("chart: ")]
+    assert (started.returncode, stdout, len(lines)) == (128 + number, "", 1), stderr
     assert not os.listdir(tmp_path)

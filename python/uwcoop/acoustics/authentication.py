@@ -87,12 +87,10 @@ def _key_from_place(plan: Authentication) -> bytes | None:
     path = Path(plan.key_file)
     with refused(ScenarioError, f"the team's key: {path}"):
         text = read_text(path, _KEY_FILE_LIMIT_BYTES, "ascii")
-        if os.name == "posix" and path.stat().st_mode & 0o077:
-            warnings.warn(
-                f"key file {path} can be read by other users of this machine: chmod 600 {path}",
-                KeyFileWarning,
-                stacklevel=2,
-            )
+        open_to_others = os.name == "posix" and path.stat().st_mode & 0o077
+    if open_to_others:
+        line = f"key file {path} can be read by other users of this machine: chmod 600 {path}"
+        warnings.warn(line, KeyFileWarning, stacklevel=2)
     return _digits(text, plan.key_file)
 
 
