@@ -12,7 +12,8 @@ import pytest
 from uwcoop.errors import LogError, UwcoopError
 from uwcoop.experiment.mission import open_mission
 from uwcoop.frames import wrap_angle
-from uwcoop.importers.datasets.mrclam import is_mrclam, read_mrclam
+from uwcoop.importers.datasets.mrclam import read_mrclam
+from uwcoop.importers.datasets.mrclam_files import is_mrclam
 from uwcoop.missionlog.mcap import load_log, write_log
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.validate import validate

@@ -99,8 +99,8 @@ def bound_covariance_m2(
     """
     if log.chart is None or log.truth is None:
         return None
-    options = options_of(MODEL_OF, log.scenario).native(log.chart.correlation_length_m)
-    shared = options_of(SHARED_OF, log.scenario).model_dump()
+    options = options_of(MODEL_OF, log.setup).native(log.chart.correlation_length_m)
+    shared = options_of(SHARED_OF, log.setup).model_dump()
     model: dict[str, Any] = {name: options[name] for name in _OPTIONS} | {
         name: shared[name] for name in _SHARED
     }

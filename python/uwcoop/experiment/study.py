@@ -29,10 +29,11 @@ from uwcoop.evaluation.error_series import (
     write_error_series,
 )
 from uwcoop.evaluation.metrics import summary_text
-from uwcoop.experiment.packet_budget import default_navigators
+from uwcoop.experiment.navigator_choice import default_navigators
 from uwcoop.experiment.run import run
 from uwcoop.experiment.study_store import Row, StudyStore, text_of
 from uwcoop.navigators import Custom, options_of
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world.simulate import open_chart, simulate
 
 if TYPE_CHECKING:
@@ -44,10 +45,6 @@ if TYPE_CHECKING:
     from uwcoop.scenario.models import Scenario
 
 __all__ = ["StudyResult", "study"]
-
-
-_NOT_OF_THE_WORLD = ("navigator", "navigators", "metrics")
-"""Tables of a scenario in which variants may differ and still fly the same mission."""
 
 
 @dataclass(frozen=True)
@@ -162,7 +159,7 @@ def study(
 
 def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
     """The packaged navigators that take part in every variant."""
-    fits = [default_navigators(v.scenario.resolved(), len(v.scenario.team)) for v in variants]
+    fits = [default_navigators(MissionSetup.of(v.scenario), len(v.scenario.team)) for v in variants]
     return [name for name in fits[0] if all(name in f for f in fits)]
 
 
@@ -186,15 +183,15 @@ def _name(navigator: str | Custom) -> str:
 
 def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
     """SHA-256 of what a variant's rows depend on: scenario, the navigators' options, files that are read."""
-    resolved = scenario.resolved()
-    options = {n: options_of(n, resolved).model_dump() for n in navigators if isinstance(n, str)}
+    setup = MissionSetup.of(scenario)
+    options = {n: options_of(n, setup).model_dump() for n in navigators if isinstance(n, str)}
     chart = scenario.chart
     paths = [chart.source] if chart is not None and chart.synthetic is None else []
     paths += [vehicle.track.file for vehicle in scenario.team if vehicle.track is not None]
     # A file that is missing is refused, with a better message, by who reads it.
     files = [hashlib.sha256(Path(p).read_bytes()).hexdigest() for p in paths if Path(p).is_file()]
-    said = json.dumps([resolved, options, files], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()
+    content = json.dumps([setup.tables(), options, files], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _pending(
@@ -297,11 +294,10 @@ def _fly(
     logs: dict[str, MissionLog] = {}
     flown: _Flown = []
     for k, scenario in job:
-        resolved = scenario.resolved()
-        world = json.dumps({key: resolved[key] for key in resolved if key not in _NOT_OF_THE_WORLD})
+        world = scenario.world_text()
         if world not in logs:
             logs[world] = simulate(scenario, seed, None if scenario.chart is None else _chart(scenario.chart))
-        log = replace(logs[world], scenario=resolved)
+        log = replace(logs[world], setup=MissionSetup.of(scenario))
         result = run(log, navigators, clouds=False)
         rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
         flown.append((k, rows, error_series_of(result.tracks) if keep_errors else None))

@@ -55,12 +55,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from uwcoop.errors import ChartError, LogError
+from uwcoop.errors import ChartError, LogError, ScenarioError
 from uwcoop.frames import Origin
 from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
+from uwcoop.missionlog.link import Link
 from uwcoop.missionlog.messages import definition, typestore
-from uwcoop.missionlog.model import Link, MissionLog
+from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.validate import validate
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -178,7 +180,7 @@ def _metadata(log: MissionLog) -> dict[str, str]:
         "namespaces": topics.namespaces(log.vehicles),
         "link": asdict(log.link),
         "origin": asdict(log.origin),
-        "scenario": log.scenario,
+        "scenario": log.setup.tables(),
         "rows": rows,
         "draws": draws,
         "truth": truth.describe(log),
@@ -187,7 +189,7 @@ def _metadata(log: MissionLog) -> dict[str, str]:
     try:
         return {key: json.dumps(value) for key, value in values.items()}
     except (TypeError, ValueError) as error:
-        raise LogError(f"scenario or attributes cannot be written as JSON: {error}") from error
+        raise LogError(f"attributes cannot be written as JSON: {error}") from error
 
 
 def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
@@ -201,7 +203,7 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
             duration_ns=about["duration_ns"],
             link=Link(**about["link"]),
             origin=Origin(**about["origin"]),
-            scenario=about["scenario"],
+            setup=MissionSetup.parse(about["scenario"]),
         )
         _check_types(file, names)
         if "slots" in rows:
@@ -221,6 +223,8 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, LogError):
             raise
+        if isinstance(error, ScenarioError):
+            raise LogError(str(error)) from error
         raise LogError(f"metadata is not what this version writes: {_what(error)}") from error
     return log
 

@@ -3,7 +3,7 @@
 from uwcoop.navigators.options import DRIFT_PRESETS, DeadReckoningOptions, DmpfOptions, MpfOptions
 from uwcoop.navigators.origin import DeifOptions, DeifRedundantOptions, MdeifOptions, OriginOptions
 from uwcoop.navigators.protocol import Context, Custom, PythonEstimate, PythonNavigator
-from uwcoop.navigators.registry import NAVIGATORS, Spec, build, not_realisable, options_of
+from uwcoop.navigators.registry import NAVIGATORS, Spec, build, build_central, not_realisable, options_of
 from uwcoop.navigators.team import TeamOptions
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "Spec",
     "TeamOptions",
     "build",
+    "build_central",
     "not_realisable",
     "options_of",
 ]

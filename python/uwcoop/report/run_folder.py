@@ -88,13 +88,13 @@ def resolved_scenario(result: RunResult) -> dict[str, Any]:
     from uwcoop.navigators import NAVIGATORS, options_of
 
     took_part = [str(name) for name in result.tracks["navigator"].values]
+    setup = result.log.setup
     options = {
-        name: options_of(name, result.log.scenario).model_dump(exclude_none=True)
+        name: options_of(name, setup).model_dump(exclude_none=True)
         for name in took_part
         if name in NAVIGATORS
     }
-    scenario = result.log.scenario
-    return {**scenario, "seed": result.log.seed, "navigator": {**scenario.get("navigator", {}), **options}}
+    return setup.resolved(result.log.seed, options)
 
 
 def write_study_figures(result: StudyResult, folder: Path, note: Callable[[str], None]) -> list[str]:

@@ -10,16 +10,17 @@ from pydantic import Field
 
 from uwcoop.acoustics.modem import MODEMS, NO_LIMIT_BYTES
 from uwcoop.errors import LogError
+from uwcoop.missionlog.link import Link
 from uwcoop.missionlog.model import (
     OPPORTUNITY_COLUMNS,
     SLOT_COLUMNS,
     Columns,
-    Link,
     MissionLog,
     columns,
     event_columns,
 )
 from uwcoop.scenario.base import NonNegative, Positive, Table, nearest
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -136,16 +137,18 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
         events=_events(found, options, beacons),
         slots=slots,
         opportunities=opportunities,
-        scenario={
-            "name": found.name,
-            "recording": options.model_dump(mode="json"),
-            "metrics": {"settle_s": 0.0},
-            "navigators": list(NAVIGATORS),
-            "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
-            "navigator": {
-                "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
-            },
-        },
+        setup=MissionSetup.parse(
+            {
+                "name": found.name,
+                "recording": options.model_dump(mode="json"),
+                "metrics": {"settle_s": 0.0},
+                "navigators": list(NAVIGATORS),
+                "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
+                "navigator": {
+                    "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
+                },
+            }
+        ),
         truth=_truth(found, beacons),
     )
 
