@@ -52,7 +52,7 @@ class StudyResult:
     """What a study gives."""
 
     rows: list[Row]
-    """One for each variant, run, navigator and vehicle: the varied keys, then `metrics.ROW_COLUMNS`."""
+    """One for each variant, run, navigator and vehicle: the varied keys, then `metrics.row_columns`."""
     summary: dict[str, Any]
     """What `summary.json` holds."""
     settle_s: float
@@ -145,7 +145,7 @@ def study(
                 for k, rows, _ in flown
                 for row in rows
             ])  # fmt: skip
-            kept |= {(variants[k].label, seed): trace for k, _, trace in flown if trace is not None}
+            kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
             done += len(flown)
             if progress:
                 progress(done, total)
@@ -218,7 +218,7 @@ def _label(keys: Iterable[str], texts: Iterable[str]) -> str:
 def _kept_before(ledger: StudyStore, keys: Sequence[str], folder: Path) -> ErrorSeries:
     """Errors over time in the folder, of missions whose rows it holds too."""
     flown = {(_label(keys, texts), seed) for texts, seed in ledger.missions()}
-    return {mission: trace for mission, trace in read_error_series(folder).items() if mission in flown}
+    return {mission: series for mission, series in read_error_series(folder).items() if mission in flown}
 
 
 _Flown = list[tuple[int, list[Row], "xr.Dataset | None"]]

@@ -45,7 +45,7 @@ def boxes_figure(rows: Rows, keys: Sequence[str] = (), *, title: str, settle_s: 
     """Error at the end and RMS error of the mission, a box for each navigator and combination of values.
 
     Args:
-        rows: of a study, one for each run, navigator and vehicle: `metrics.ROW_COLUMNS` and the varied keys.
+        rows: of a study, one for each run, navigator and vehicle: `metrics.row_columns` and the varied keys.
         keys: dotted keys that are varied; each combination of their values is a group of boxes.
         title: scenario.
         settle_s: RMS errors count from here on, s.
