@@ -25,6 +25,7 @@ from uwcoop.missionlog import (
     columns,
     event_columns,
 )
+from uwcoop.scenario import MissionSetup
 
 FRAMES = 3
 

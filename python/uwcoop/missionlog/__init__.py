@@ -1,6 +1,6 @@
 """The mission log: in memory as columns, on disk as MCAP."""
 
-from uwcoop.missionlog.link import Link
+from uwcoop.acoustics.link import Link
 from uwcoop.missionlog.model import (
     EVENT_COLUMNS,
     OPPORTUNITY_COLUMNS,

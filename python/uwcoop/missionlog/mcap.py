@@ -55,10 +55,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from uwcoop.acoustics.link import Link
 from uwcoop.errors import ChartError, LogError, ScenarioError
 from uwcoop.frames import Origin
 from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
-from uwcoop.missionlog.link import Link
 from uwcoop.missionlog.messages import definition, typestore
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.validate import validate

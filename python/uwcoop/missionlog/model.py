@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uwcoop.acoustics.link import Link
 from uwcoop.errors import LogError
 from uwcoop.frames import Origin
-from uwcoop.missionlog.link import Link
 from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from collections import Counter
 
 import numpy as np
 
+from uwcoop.acoustics.link import Link
 from uwcoop.errors import LogError
-from uwcoop.missionlog.link import Link
 from uwcoop.missionlog.model import (
     EVENT_COLUMNS,
     OPPORTUNITY_COLUMNS,

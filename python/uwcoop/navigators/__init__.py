@@ -1,5 +1,6 @@
 """Navigators: the packaged ones by name, their options, and the protocol for one's own in Python."""
 
+from uwcoop._native import Navigator
 from uwcoop.navigators.options import DRIFT_PRESETS, DeadReckoningOptions, DmpfOptions, MpfOptions
 from uwcoop.navigators.origin import DeifOptions, DeifRedundantOptions, MdeifOptions, OriginOptions
 from uwcoop.navigators.protocol import Context, Custom, PythonEstimate, PythonNavigator
@@ -17,6 +18,7 @@ __all__ = [
     "DmpfOptions",
     "MdeifOptions",
     "MpfOptions",
+    "Navigator",
     "OriginOptions",
     "PythonEstimate",
     "PythonNavigator",

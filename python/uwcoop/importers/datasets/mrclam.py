@@ -17,12 +17,12 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, ValidationError
 
+from uwcoop.acoustics.link import Link
 from uwcoop.acoustics.modem import MODEMS
 from uwcoop.errors import LogError
 from uwcoop.evaluation.pose_tracks import true_yaw_rad
 from uwcoop.frames import turned, wrap_angle
 from uwcoop.importers.datasets.mrclam_files import Robot, read_data_set
-from uwcoop.missionlog.link import Link
 from uwcoop.missionlog.model import Columns, MissionLog, event_columns
 from uwcoop.scenario.base import NonNegative, Positive, Probability, Table
 from uwcoop.scenario.setup import MissionSetup

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from uwcoop.acoustics.link import Link
 from uwcoop.acoustics.modem import MODEMS, NO_LIMIT_BYTES
 from uwcoop.errors import LogError
-from uwcoop.missionlog.link import Link
 from uwcoop.missionlog.model import (
     OPPORTUNITY_COLUMNS,
     SLOT_COLUMNS,
