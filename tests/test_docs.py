@@ -8,7 +8,6 @@ A page is a story: its blocks run in order in one temporary folder. ```` ```toml
 
 from __future__ import annotations
 
-import importlib.util
 import pkgutil
 import re
 import shlex
@@ -180,16 +179,6 @@ def test_there_is_something_to_run() -> None:
 
 
 # ------------------------------------------------------------------------------------------------- generated tables
-
-
-@pytest.fixture(scope="module")
-def hooks() -> Any:
-    spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs/hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_every_table_that_is_asked_for_is_made_and_the_other_way_round(hooks: Any) -> None:

@@ -78,9 +78,9 @@ def lost_share(rows: Rows, key: str) -> float | None:
 
 
 def largest(rows: Rows, key: str) -> float | None:
-    """Over runs and vehicles."""
-    values = _column(rows, key)
-    return int(values.max()) if values.size else None
+    """Over runs and vehicles; a whole number stays one."""
+    present: list[float] = [row[key] for row in rows if row[key] is not None and not math.isnan(row[key])]
+    return max(present, default=None)
 
 
 def mean_over_runs(rows: Rows, key: str) -> float | None:
