@@ -170,7 +170,7 @@ def replay_for(
 
 def _estimators(
     navigator: str | Custom, log: MissionLog, contexts: Sequence[Context], chart: _native.Chart | None
-) -> Sequence[_native.Navigator | PythonNavigator] | _native.TeamEstimator:
+) -> Sequence[_native.Navigator | PythonNavigator] | _native.CentralEstimator:
     """One navigator for each vehicle, or the centralised estimator of all."""
     if isinstance(navigator, Custom):
         return [navigator.make(context) for context in contexts]

@@ -31,7 +31,7 @@ from uwcoop.navigators.team import TeamOptions, team
 from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
-    from uwcoop._native import Navigator, TeamEstimator
+    from uwcoop._native import CentralEstimator, Navigator
     from uwcoop.scenario.acoustics import Acoustics
 
 __all__ = ["NAVIGATORS", "Options", "Spec", "build", "build_central", "not_realisable", "options_of"]
@@ -48,13 +48,13 @@ class Spec:
     summary: str
     options: type[Options]
     fixed: Mapping[str, Any]
-    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | TeamEstimator]
+    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | CentralEstimator]
     needs_bandwidth: bool = False
     """Takes part by default only where the modem carries its packet."""
     listed_only: bool = False
     """Takes part by default only where the scenario's `navigators` names it."""
     central: bool = False
-    """Made once for the whole team (with the first vehicle's context): a `TeamEstimator`."""
+    """Made once for the whole team (with the first vehicle's context): a `CentralEstimator`."""
     realisable: bool = True
     """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
 
@@ -287,7 +287,7 @@ def build(name: str, context: Context, options: Options, chart: _native.Chart | 
 
 def build_central(
     name: str, context: Context, options: Options, chart: _native.Chart | None
-) -> TeamEstimator:
+) -> CentralEstimator:
     """A centralised estimator: one for the whole team, made with the first vehicle's context. As `build`.
 
     Raises:
@@ -301,7 +301,7 @@ def build_central(
 
 def _made(
     name: str, context: Context, options: Options, chart: _native.Chart | None
-) -> Navigator | TeamEstimator:
+) -> Navigator | CentralEstimator:
     length = 0.0 if context.chart is None else context.chart.correlation_length_m
     return _spec(name).make(context, options.native(length), chart)
 
