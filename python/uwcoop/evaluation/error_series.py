@@ -7,7 +7,7 @@ instant. All error series of a study make one Dataset, dims (variant, run, navig
   or is over, and in missions that are not stored (`stored` is false); infinite where the estimate has failed.
 - `arrivals`, uint8: signals that could be heard in the second that ends now.
 - `heard`, uint8: those of them whose packet was used.
-- `mutual_information`, float32, nat: what they told about the position; only with
+- `mutual_information`, float32, nat: mutual information of those ranges and the position; only with
   `diagnostics.entropy = "at_reception"`, NaN where nothing was heard.
 - `stored (variant, run)`; coordinates `variant` (its settings as text, empty where nothing is varied) and
   `seed (run)`.
@@ -44,7 +44,7 @@ _ATTRIBUTES = {
     "heard": {"units": "1", "long_name": "packets used in the second that ends now"},
     "mutual_information": {
         "units": "nat",
-        "long_name": "what the ranges of this second told of the position",
+        "long_name": "mutual information of position and the ranges of this second",
     },
 }
 
@@ -69,9 +69,9 @@ def error_series_of(tracks: xr.Dataset) -> xr.Dataset:
         "heard": heard.astype(np.uint8),
     }
     if "mutual_information" in tracks:
-        told = tracks["mutual_information"].values
-        known = binned(np.isfinite(told).astype(np.float64)) > 0
-        sums = binned(np.where(np.isfinite(told), told, 0.0))
+        gained = tracks["mutual_information"].values
+        known = binned(np.isfinite(gained).astype(np.float64)) > 0
+        sums = binned(np.where(np.isfinite(gained), gained, 0.0))
         values["mutual_information"] = np.where(known, sums, np.nan).astype(np.float32)
     return xr.Dataset(
         {name: (_EACH, array, _ATTRIBUTES[name]) for name, array in values.items()},

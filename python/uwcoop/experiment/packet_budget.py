@@ -1,4 +1,4 @@
-"""What talking costs: a navigator's packet in fields, bits, bytes, frames, air time, slots and cycles."""
+"""What a navigator's packet costs: fields, bits, bytes, frames, air time, slot and cycle."""
 
 from __future__ import annotations
 
@@ -118,11 +118,11 @@ class Budget:
     teams: tuple[TeamPlan, ...] = ()
     slots: tuple[SlotPlan, ...] = ()
     positioning: Positioning | None = None
-    """None where no vehicle asks a landmark."""
+    """None where no vehicle is positioned by a landmark."""
 
 
 def budget(scenario: Scenario, navigators: Iterable[str] | None = None) -> Budget:
-    """Fields → bits → frames → air time → slot → cycle for each navigator, and what other teams and slots would do.
+    """Fields → bits → frames → air time → slot → cycle for each navigator; the same for other teams and slots.
 
     Raises:
         ScheduleError: a packet that does not fit its slot, with the arithmetic.

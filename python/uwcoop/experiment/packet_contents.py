@@ -19,7 +19,7 @@ __all__ = ["Field", "packet_bytes", "packet_fields", "packet_of"]
 
 @dataclass(frozen=True)
 class Field:
-    """What a packet spends some of its bits on, as the code that encodes it says."""
+    """One field of a packet, as the encoder describes it."""
 
     name: str
     bits: int

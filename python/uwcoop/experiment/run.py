@@ -185,7 +185,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
     each = ("navigator", "vehicle", "time")
     covariance = np.stack([r["covariance_m2"] for r in records])
     sent, heard = np.zeros(covariance.shape[:3], np.int64), np.zeros(covariance.shape[:3], bool)
-    told = np.full(covariance.shape[:3], np.nan)
+    gained = np.full(covariance.shape[:3], np.nan)
     for k, record in enumerate(records):
         at = np.minimum(np.searchsorted(t_ns, record["sent"]["tol_ns"]), len(t_ns) - 1)
         np.add.at(sent[k], (record["sent"]["sender"], at), record["sent"]["bytes"])
@@ -195,11 +195,14 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         used = packets["accepted"] & (packets["toa_ns"] <= t_ns[-1])
         at_arrival = (k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used]))
         heard[at_arrival] = True
-        told[at_arrival] = packets["information_nat"][used]
+        gained[at_arrival] = packets["information_nat"][used]
     optional: dict[str, Any] = {}
-    if np.isfinite(told).any():
-        nat = {"units": "nat", "long_name": "what the range that arrived now told about the position"}
-        optional["mutual_information"] = (each, told, nat)
+    if np.isfinite(gained).any():
+        nat = {
+            "units": "nat",
+            "long_name": "mutual information of the position and the range that arrived now",
+        }
+        optional["mutual_information"] = (each, gained, nat)
     for bound, values in bounds_of(log, t_ns).items():
         optional[bound] = (("vehicle", "time"), values, {"units": "m", "long_name": BOUNDS[bound]})
     received = np.zeros(covariance.shape[1:3], bool)
@@ -240,14 +243,14 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
 
 
 def _diagnostics(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What navigators said of themselves, a variable each; NaN where one said nothing of the kind."""
+    """The navigators' diagnostics, a variable each; NaN for a navigator without it."""
     shape = records[0]["ess"].shape
-    said = {
+    stated = {
         name: np.stack([r["diagnostics"].get(name, np.full(shape, np.nan)) for r in records])
         for name in sorted({name for r in records for name in r["diagnostics"]})
     }
-    by = {"role": "diagnostic", "long_name": "as the navigator says"}
-    return {name: (("navigator", "vehicle", "time"), values, by) for name, values in said.items()}
+    by = {"role": "diagnostic", "long_name": "as the navigator states it"}
+    return {name: (("navigator", "vehicle", "time"), values, by) for name, values in stated.items()}
 
 
 def _sent(mission: _native.Mission, record: dict[str, Any]) -> dict[str, float]:

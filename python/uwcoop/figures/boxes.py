@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Rows = Sequence[Mapping[str, Any]]
 
 HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "||||", "oooo")
-"""One for each navigator, so that boxes can be told apart in greyscale."""
+"""One for each navigator, so that boxes can be distinguished in greyscale."""
 
 INK = "#111111"
 PANELS = {"final_error_m": "error at the end (m)", "rmse_m": "RMS error of the mission (m)"}

@@ -19,7 +19,7 @@ as log time and as header stamp. World frame `map`: local ENU metres, z up (REP 
 | `/{V}/role_taken` | uwcoop_msgs/RoleTaken | landmark or not |
 | `/acoustics/slot` | uwcoop_msgs/AcousticSlot | sender, capacity; stamped TOL |
 | `/acoustics/opportunity` | uwcoop_msgs/AcousticOpportunity | who, TOA, survival, draws; stamped TOL |
-| `/acoustics/poll` | uwcoop_msgs/AcousticPoll | who asks whom, bytes, air time, whether heard; stamped launch |
+| `/acoustics/poll` | uwcoop_msgs/AcousticPoll | poller and sender, bytes, air time, whether heard; stamped launch |
 | `/acoustics/reception` | uwcoop_msgs/AcousticReception | who, TOL, TOA, payload; stamped decode end |
 | `/truth/{V}/odometry` | nav_msgs/Odometry | true position, z = −depth |
 | `/truth/{V}/yaw` | uwcoop_msgs/Heading | true yaw, to the last bit |

@@ -23,7 +23,7 @@ _CORRELATION_SLACK = 1e-9
 
 
 class CheckedTable(NamedTuple):
-    """A table with what a message about one of its rows needs: whose the row is and when."""
+    """A table, and the columns that name a row's vehicle and time in a message."""
 
     name: str
     columns: Columns

@@ -36,7 +36,7 @@ _COVARIANCES = {
 
 
 def validate(log: MissionLog) -> None:
-    """Refuse a log that a navigator must not be fed from.
+    """Refuse a log that must not be replayed.
 
     Raises:
         LogError: the first thing that is wrong.

@@ -56,7 +56,7 @@ class Spec:
     central: bool = False
     """Made once for the whole team (with the first vehicle's context): a `CentralEstimator`."""
     realisable: bool = True
-    """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
+    """False: it uses information that no vehicle has, e.g. which of its packets arrived."""
 
 
 def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
@@ -138,7 +138,7 @@ NAVIGATORS: dict[str, Spec] = {
         realisable=False,
     ),
     "deif": Spec(
-        "Delta information from launch to launch, told what arrives (Walls & Eustice 2012, section 3). One-way only.",
+        "Delta information between launches, with a delivery oracle (Walls & Eustice 2012, section 3). One-way only.",
         origin.DeifOptions,
         {},
         origin.deif,
@@ -146,7 +146,7 @@ NAVIGATORS: dict[str, Spec] = {
         realisable=False,
     ),
     "deif-redundant": Spec(
-        "deif that repeats its last deltas in each packet instead of being told. One-way only.",
+        "deif that repeats its last deltas in each packet in place of the oracle. One-way only.",
         origin.DeifRedundantOptions,
         {},
         origin.deif_redundant,
@@ -307,7 +307,7 @@ def _made(
 
 
 def not_realisable(names: Iterable[str]) -> set[str]:
-    """Those of the names that are packaged navigators which are told what no vehicle can know."""
+    """Those of the names that are packaged navigators which use information that no vehicle has."""
     return {name for name in names if name in NAVIGATORS and not NAVIGATORS[name].realisable}
 
 

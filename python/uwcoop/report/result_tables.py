@@ -22,8 +22,8 @@ def summary_table(
 ) -> Table:
     """A run's `summary.json`: one block per navigator, one line in it per vehicle; 80 columns wide.
 
-    Columns that apply to nobody are left out. `not_realisable` names the navigators that were told what no
-    vehicle could know; they are marked.
+    Columns without any value are left out. `not_realisable` names the navigators that use information which no
+    vehicle has; they are marked.
     """
     navigators = summary["navigators"]
     vehicles = [values for navigator in navigators.values() for values in navigator["vehicles"].values()]
@@ -63,7 +63,7 @@ def study_table(
 ) -> Group:
     """A study's `summary.json`: a table for each variant, all of one layout, one row per navigator.
 
-    Columns that apply to nobody are left out. With the number of `vehicles` the caption gives the interval in
+    Columns without any value are left out. With the number of `vehicles` the caption gives the interval in
     which the NEES of a consistent navigator, averaged over runs and vehicles at one instant, lies 95 % of the
     time.
     """

@@ -213,9 +213,9 @@ def _write_reconstruction(result: RunResult, path: Path) -> None:
     from uwcoop.experiment.particles_at_fixes import around_fixes
     from uwcoop.figures.landmark_fixes import reconstruction_figure
 
-    told = result.tracks.get("reconstructions")
+    count = result.tracks.get("reconstructions")
     counted = (
-        [] if told is None else [n for n in told["navigator"].values if (told.sel(navigator=n) > 0).any()]
+        [] if count is None else [n for n in count["navigator"].values if (count.sel(navigator=n) > 0).any()]
     )
     if not counted:
         raise TracksError("no navigator reconstructs particles in this mission")

@@ -152,8 +152,8 @@ def alternatives(override: str) -> tuple[str, list[Any]]:
         values = list(parsed["value"])
     else:
         values = [_value(part.strip(), override) for part in text.split(",")]
-    said = [json.dumps(value, default=str) for value in values]
-    if not values or len(set(said)) < len(said):
+    texts = [json.dumps(value, default=str) for value in values]
+    if not values or len(set(texts)) < len(texts):
         raise ScenarioError(f"{override!r}: needs one value or more, no two the same")
     return dotted, values
 

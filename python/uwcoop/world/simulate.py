@@ -83,7 +83,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Flown:
-    """A mission's course: where everyone was, and when who could talk to whom."""
+    """A mission's course: every vehicle's motion, the slots, and which signals could arrive."""
 
     motion: Sequence[Motion]
     slots: Columns

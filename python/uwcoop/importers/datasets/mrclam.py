@@ -1,10 +1,9 @@
 """UTIAS MRCLAM (Leung et al. 2011): wheeled robots that measure range and bearing of each other -> `MissionLog`.
 
-One robot is the landmark while its odometry says that it stood still; the others move by theirs. What the mover's
-camera sees of the landmark is a range and an own bearing; what the landmark's sees of the mover is a range and the
-peer's bearing. The data set measures whenever it can: here a schedule thins the measurements out, and losses are
-drawn. The landmark's pose at the start is the frame. No role is exchanged: there is no time at which one robot
-stops while another has just stood still.
+One robot is the landmark while its odometry shows that it stands still; the others move by theirs. The mover's camera
+measures the range and the own bearing of the landmark; the landmark's camera measures the range and the peer's bearing.
+The recordings hold all sightings: a schedule thins them out here, and losses are drawn. The landmark's pose at the
+start is the frame. No role is exchanged: no robot stops while another has just stood still.
 """
 
 from __future__ import annotations

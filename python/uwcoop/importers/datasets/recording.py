@@ -105,7 +105,7 @@ class Recording:
     truth: Floats
     """(T, 3) east, north, yaw."""
     odometry_share: Floats | None = None
-    """(N,) of a displacement told in parts, the share of this one: variances go with it. None: all are whole."""
+    """(N,) share of an edge that each displacement is; its variance is the same share. None: each is a whole edge."""
 
 
 def mission_of(found: Recording, options: Options) -> MissionLog:

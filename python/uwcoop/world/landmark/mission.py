@@ -1,9 +1,9 @@
-"""Missions in which two vehicles take turns as the landmark: who moves when, who ranges when, who hands over when.
+"""Missions in which two vehicles take turns as the landmark: legs, mutual positioning and exchanges of the role.
 
-One goes: it lifts off, follows its path, lands, and stands until it has had enough fixes. Then it sends its
-belief to the landmark and the subs, again and again until all have it or its tries are used up. When the landmark
-has it the roles change and the other one goes. Everything here is settled by the scenario and the mission's own
-draws; no navigator takes part, and a navigator's packets get lost by the draws that the log holds.
+The mover lifts off, follows its path, lands, and stays until it has had enough fixes. Then it sends its belief to the
+landmark and the subs in slot after slot, until all have it or its tries are used up. When the landmark has it, the
+roles change. All of this follows from the scenario and the mission's own draws; no navigator takes part. A navigator's
+own packets are lost by the draws that the log holds.
 """
 
 from __future__ import annotations
