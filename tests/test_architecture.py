@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -92,6 +93,16 @@ for package in sys.argv[1:]:
         importlib.import_module(module)
 """
     subprocess.run([sys.executable, "-c", f"MODULES = {list(MODULES)!r}\n" + program, *packages], check=True)
+
+
+def test_keys_of_a_scenario_are_read_in_its_package_alone() -> None:
+    """Elsewhere a scenario is a `Scenario` or a `MissionSetup`; its tables go to files whole."""
+    by_key = re.compile(r"(\.scenario|\.resolved\(\)|\.tables\(\))\s*(\[|\.get\()")
+    assert by_key.search('log.scenario.get("acoustics")')
+    assert by_key.search('scenario.resolved()["acoustics"]')
+    outside = {name: path for name, path in MODULES.items() if not name.startswith("uwcoop.scenario")}
+    assert len(outside) > 100
+    assert [name for name, path in outside.items() if by_key.search(path.read_text())] == []
 
 
 def test_few_modules_stand_beside_the_packages() -> None:
