@@ -417,7 +417,7 @@ def test_a_study_draws_what_its_data_allow(gathered: xr.Dataset) -> None:
     assert not isinstance(alone["boxes.png"], str)
     assert alone["errors_over_time.png"] == alone["information.png"] == NO_TRACES
     many = xr.concat([gathered.isel(variant=0)] * 5, "variant").assign_coords(variant=list("abcde"))
-    drawn = dict(study_figures(table, traces=many, title="bay", settle_s=50))
+    drawn = dict(study_figures(table, error_series=many, title="bay", settle_s=50))
     assert list(drawn) == [
         "boxes.png",
         "bytes.png",
