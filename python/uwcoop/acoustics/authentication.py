@@ -5,9 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from uwcoop import _native
 from uwcoop.errors import ScenarioError
@@ -18,7 +17,7 @@ from uwcoop.scenario.secrets import HIDDEN
 if TYPE_CHECKING:
     from uwcoop.missionlog import MissionLog
 
-__all__ = ["KeyFileWarning", "authenticator_of", "check_key", "tag_bytes_of"]
+__all__ = ["KeyFileWarning", "authenticator_of", "check_key"]
 
 _KEY_FILE_LIMIT_BYTES = 4096
 
@@ -27,13 +26,8 @@ class KeyFileWarning(UserWarning):
     """A key that others can read."""
 
 
-def tag_bytes_of(tables: Mapping[str, Any]) -> int:
-    """Bytes that a tag adds to every packet of a resolved scenario."""
-    return int(tables.get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0))
-
-
 def authenticator_of(log: MissionLog) -> _native.Authenticator | None:
-    """What tags and checks the packets of a mission's team; None where packets carry no tags.
+    """Adds and checks the tags of the packets of a mission's team; None where packets carry no tags.
 
     A mission that is simulated without a key gets one made of its name: both ends of its link are in this process, and
     what a tag accepts does not depend on the key.
@@ -41,21 +35,19 @@ def authenticator_of(log: MissionLog) -> _native.Authenticator | None:
     Raises:
         ScenarioError: a key that is not where the scenario says, or a log of real packets whose key is not known.
     """
-    table = log.scenario.get("acoustics", {}).get("authentication", {})
-    plan = Authentication.model_validate(table)
+    plan = log.setup.authentication
     if plan.tag_bytes == 0:
         return None
     mission = log.seed if plan.mission is None else plan.mission
     return _native.Authenticator(_key_of(log, plan), plan.tag_bytes, mission)
 
 
-def check_key(tables: Mapping[str, Any]) -> None:
-    """Read the key of a resolved scenario where it names a place for it, so that a wrong place shows at once.
+def check_key(plan: Authentication) -> None:
+    """Read the key of a team that carries tags where a place is named for it, so that a wrong place shows at once.
 
     Raises:
         ScenarioError: it is not there, or is none.
     """
-    plan = Authentication.model_validate(tables.get("acoustics", {}).get("authentication", {}))
     if plan.tag_bytes:
         _key_from_place(plan)
 
