@@ -109,12 +109,17 @@ class LocalFrame:
             raise ChartError(f"longitude {longitude_deg} deg is outside -180 to 360 deg")
         return cls(Origin(latitude_deg, longitude_deg, crs or local_projection(latitude_deg, longitude_deg)))
 
-    @cached_property
-    def _crs(self) -> Any:
+    @property
+    def crs_text(self) -> str:
+        """The frame's projection, as `crs_of` reads it."""
         latitude, longitude = self.origin.latitude_deg, self.origin.longitude_deg
         assert latitude is not None
         assert longitude is not None
-        return crs_of(self.origin.crs or local_projection(latitude, longitude))
+        return self.origin.crs or local_projection(latitude, longitude)
+
+    @cached_property
+    def _crs(self) -> Any:
+        return crs_of(self.crs_text)
 
     @cached_property
     def _transformer(self) -> Any:

@@ -18,6 +18,8 @@ import numpy as np
 
 from uwcoop.charts.slopes import node_sigma
 from uwcoop.charts.windows import square_sums
+from uwcoop.errors import MissingDependencyError
+from uwcoop.frames import LocalFrame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -100,8 +102,9 @@ def reachable_sigma(chart: Chart, sounding: Sounding | None = None) -> Grid:
 def describe(chart: Chart, sounding: Sounding | None = None) -> dict[str, Any]:
     """What a chart holds, as plain numbers ready for a table or JSON; shares are of the charted nodes.
 
-    Keys: name, extent_m, size_m, cell_m, rows, cols, depth_m {min, median, max}, hole_share, slope {q50, q90,
-    q99}, terrain {helps_share, median_sigma_m, helps_below_m, window_m, sounding_sigma_m}, sigma_map_m
+    Keys: name, extent_m, corners_deg ([latitude, longitude] of south-west, south-east, north-east and north-west; None
+    where the place on Earth is not known), size_m, cell_m, rows, cols, depth_m {min, median, max}, hole_share,
+    slope {q50, q90, q99}, terrain {helps_share, median_sigma_m, helps_below_m, window_m, sounding_sigma_m}, sigma_map_m
     (median), correlation_length_m, origin {latitude_deg, longitude_deg, crs}, sha256, notes. A median that is
     infinite, or a quantile that no node has, is None.
     """
@@ -115,6 +118,7 @@ def describe(chart: Chart, sounding: Sounding | None = None) -> dict[str, Any]:
     return {
         "name": chart.name,
         "extent_m": {"west": west, "south": south, "east": east, "north": north},
+        "corners_deg": _corners(chart),
         "size_m": {"east": east - west, "north": north - south},
         "cell_m": chart.cell_m,
         "rows": chart.shape[0],
@@ -139,6 +143,19 @@ def describe(chart: Chart, sounding: Sounding | None = None) -> dict[str, Any]:
         "sha256": chart.sha256,
         "notes": list(chart.notes),
     }
+
+
+def _corners(chart: Chart) -> list[list[float]] | None:
+    """Latitude and longitude of the outermost nodes."""
+    if chart.origin.latitude_deg is None or chart.origin.longitude_deg is None:
+        return None
+    west, south, east, north = chart.extent
+    places = [(west, south), (east, south), (east, north), (west, north)]
+    try:
+        found = LocalFrame(chart.origin).to_geographic(places)
+    except MissingDependencyError:
+        return None
+    return [[float(latitude), float(longitude)] for latitude, longitude in found]
 
 
 def _gradient(chart: Chart) -> tuple[Grid, Grid]:

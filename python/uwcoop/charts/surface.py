@@ -17,10 +17,32 @@ if TYPE_CHECKING:
 
 
 def medians(east: Values, north: Values, depth: Values, cell_m: float) -> Triples:
-    """Median position and depth of the soundings of each cell."""
-    reducer = verde().BlockReduce("median", spacing=cell_m)
-    (e, n), z = reducer.filter((east, north), depth)
-    return np.asarray(e), np.asarray(n), np.asarray(z)
+    """Median position and depth of the soundings of each cell, cells in rows from the south-west."""
+    cell = blocks(east, north, cell_m)
+    order = np.argsort(cell, kind="stable")
+    cell = cell[order]
+    first = np.flatnonzero(np.r_[True, np.diff(cell) != 0])
+    count = np.diff(np.r_[first, cell.size])
+    # Sorted within each cell, the middle one or the two around the middle are the median.
+    low, high = first + (count - 1) // 2, first + count // 2
+    found = []
+    for values in (east, north, depth):
+        own = values[order]
+        own = own[np.lexsort((own, cell))]
+        found.append((own[low] + own[high]) / 2)
+    return found[0], found[1], found[2]
+
+
+def blocks(east: Values, north: Values, size_m: float) -> NDArray[np.int64]:
+    """Which block of about `size_m` each position lies in, (N,): whole blocks fill the box around all positions."""
+    places = []
+    for values in (east, north):
+        low, span = float(values.min()), float(np.ptp(values))
+        count = max(1, round(span / size_m))
+        width = span / count if span > 0 else size_m
+        places.append((np.minimum(np.floor((values - low) / width), count - 1).astype(np.int64), count))
+    (column, columns), (row, _) = places
+    return np.asarray(row * columns + column)
 
 
 def linear(known: Triples, at: tuple[Values, Values]) -> Values:
@@ -32,10 +54,17 @@ def linear(known: Triples, at: tuple[Values, Values]) -> Values:
     inside = np.all([a * at[0] + b * at[1] + c <= 1e-9 for a, b, c in edges], axis=0)
     if inside.any():
         # Metres both ways: rescaling would change which soundings are neighbours.
-        surface = verde().Linear(rescale=False).fit((e, n), z)
-        with _one_thread():
-            result[inside] = surface.predict((at[0][inside], at[1][inside]))
+        surface = _interpolate().LinearNDInterpolator(np.column_stack([e, n]), z, rescale=False)
+        result[inside] = surface(np.column_stack([at[0][inside], at[1][inside]]))
     return result
+
+
+def _interpolate() -> Any:
+    try:
+        from scipy import interpolate
+    except ImportError as error:
+        raise MissingDependencyError("scipy", "maps") from error
+    return interpolate
 
 
 def linear_near(known: Triples, at: tuple[Values, Values], max_gap_m: float) -> Values:
@@ -64,27 +93,9 @@ def hull(east: Values, north: Values) -> Any:
         raise ChartError("soundings lie on one line: a chart needs soundings across it too") from error
 
 
-def _one_thread() -> Any:
-    """A context in which linear algebra uses one thread: one 2 x 2 matrix per triangle is solved, and threads
-    that wait for each other make that a hundred times slower on a busy machine."""
-    # It comes with scikit-learn, which verde needs.
-    from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
-
-    return threadpool_limits(limits=1, user_api="blas")
-
-
 def robust_sd(values: Values) -> float:
     """Standard deviation that a normal distribution with the same median absolute deviation has."""
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
-
-
-def verde() -> Any:
-    """The package that grids."""
-    try:
-        import verde
-    except ImportError as error:
-        raise MissingDependencyError("verde", "maps") from error
-    return verde
 
 
 def spatial() -> Any:

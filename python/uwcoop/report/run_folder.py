@@ -134,12 +134,15 @@ def write_chart_picture(chart: Chart, path: Path) -> None:
 
     Raises:
         MissingDependencyError: without matplotlib.
-        ChartError: a suffix that matplotlib does not know.
+        ChartError: a suffix that matplotlib does not know, or that of a GeoTIFF, which a picture is not.
     """
     from uwcoop.figures.chart import chart_figure
 
+    if path.suffix.lower() in (".tif", ".tiff"):
+        raise ChartError(f"picture {path} would be a TIFF without positions: -o {path.name} writes a GeoTIFF")
+
     figure = chart_figure(chart)
-    known = figure.canvas.get_supported_filetypes()
+    known = [kind for kind in figure.canvas.get_supported_filetypes() if not kind.startswith("tif")]
     if path.suffix[1:].lower() not in known:
         raise ChartError(f"picture {path} must end in one of .{', .'.join(known)}")
     with atomic_write(path) as partial:
