@@ -179,6 +179,7 @@ def _lookup(values: Grid, x: Grid, y: Grid, at_x: Grid, at_y: Grid) -> Grid:
     return np.where(inside, total, np.nan)
 
 
+_NEARLY_SQUARE = 1.05
 _BAND_NODES = 1 << 18
 """Nodes that are looked up at a time: memory beside the grids themselves stays small."""
 
@@ -199,8 +200,8 @@ def _resample_projected(raster: Raster, frame: LocalFrame, cell_m: float | None,
     edge_e, edge_n = _edge(raster, there, frame)
     size_e, size_n = float(np.ptp(edge_e)), float(np.ptp(edge_n))
     step_e, step_n = size_e / (raster.x.size - 1), size_n / (raster.y.size - 1)
-    cell = cell_m if cell_m is not None else float(f"{min(step_e, step_n):.3g}")
-    cols, rows = int(size_e / cell + 1e-9) + 1, int(size_n / cell + 1e-9) + 1
+    cell = cell_m if cell_m is not None else _square_cell(step_e, step_n)
+    cols, rows = round(size_e / cell) + 1, round(size_n / cell) + 1
     check_size(rows, cols)
     # Nodes at whole multiples of the cell: charts made around one origin with one cell share their nodes.
     east0, north0 = (cell * np.ceil(edge.min() / cell - 1e-9) for edge in (edge_e, edge_n))
@@ -218,6 +219,12 @@ def _resample_projected(raster: Raster, frame: LocalFrame, cell_m: float | None,
         f"projected and resampled bilinearly from cells of {step_e:.4g} x {step_n:.4g} m to {cell:.6g} m"
     )
     return _Grid(depth, sigma, float(east0), float(north0), cell)
+
+
+def _square_cell(step_e: float, step_n: float) -> float:
+    """The side of a square cell for cells of two sides: as large where they are nearly square, else the finer."""
+    low, high = sorted((step_e, step_n))
+    return float(f"{np.sqrt(low * high) if high < _NEARLY_SQUARE * low else low:.3g}")
 
 
 def _edge(raster: Raster, there: Any, frame: LocalFrame) -> tuple[Grid, Grid]:

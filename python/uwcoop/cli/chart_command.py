@@ -84,7 +84,6 @@ def chart(
     from uwcoop.charts import describe, load_sounded, write_chart
     from uwcoop.charts.stored import check_suffix
     from uwcoop.report.input_tables import chart_table, residuals_table
-    from uwcoop.report.run_folder import write_chart_picture
     from uwcoop.world.simulate import open_source
 
     options: dict[str, Any] = {
@@ -98,6 +97,8 @@ def chart(
     found = open_source(files if len(files) > 1 else files[0], **given) if made is None else made.chart
     facts = describe(found) | ({} if made is None else made.as_dict())
     if picture is not None:
+        from uwcoop.report.run_folder import write_chart_picture
+
         write_chart_picture(found, picture)
     if output is not None:
         write_chart(found, output)
