@@ -216,7 +216,9 @@ def test_all_holes_cut_off_or_not_a_chart(tmp_path: Path) -> None:
     whole = write_geotiff(tmp_path / "y.tif", depths()).read_bytes()
     for name, content in (("cut.tif", whole[:200]), ("cut.nc", b"\x89HDF\r\n\x1a\n" + b"0" * 99)):
         (tmp_path / name).write_bytes(content)
-        with pytest.raises(ChartError, match=f"{name} cannot be read") as caught:
+        with pytest.raises(
+            ChartError, match=f"{name} cannot be read|{name} is no chart but an HDF5 file that is cut off"
+        ) as caught:
             load_chart(tmp_path / name)
         assert "\n" not in str(caught.value)
 

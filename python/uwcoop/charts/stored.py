@@ -166,7 +166,7 @@ def _crs(chart: Chart) -> Any:
 def _write_geotiff(chart: Chart, path: Path) -> None:
     try:
         import rasterio
-        from rasterio.transform import from_origin
+        from rasterio.transform import Affine
     except ImportError as error:
         raise MissingDependencyError("rasterio", "maps") from error
     import warnings
@@ -175,7 +175,7 @@ def _write_geotiff(chart: Chart, path: Path) -> None:
     west, _, _, north = chart.extent
     east0, north0 = _offset(chart.origin)
     half = chart.cell_m / 2
-    place = from_origin(west + east0 - half, north + north0 + half, chart.cell_m, chart.cell_m)
+    place = Affine(chart.cell_m, 0, west + east0 - half, 0, -chart.cell_m, north + north0 + half)
     rows, cols = chart.shape
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     """Easting, northing and depth, (N,) metres each."""
 
 
+_MOST_STEPS = 1000
+_ON_EDGE = 1e-9
+
+
 def medians(east: Values, north: Values, depth: Values, cell_m: float) -> Triples:
     """Median position and depth of the soundings of each cell, cells in rows from the south-west."""
     cell = blocks(east, north, cell_m)
@@ -46,25 +50,45 @@ def blocks(east: Values, north: Values, size_m: float) -> NDArray[np.int64]:
 
 
 def linear(known: Triples, at: tuple[Values, Values]) -> Values:
-    """Linear interpolation on Delaunay triangles; NaN outside their hull."""
+    """Linear interpolation on Delaunay triangles; NaN outside their hull.
+
+    SciPy's own interpolator solves one system of two equations for each triangle by the linear algebra library, whose
+    threads then wait for each other: on a busy machine that takes minutes.
+    """
     e, n, z = known
-    result = np.full(at[0].shape, np.nan)
-    edges = hull(e, n).equations
-    # The search for a point's triangle walks there when it has one, and tries them all when it has none.
-    inside = np.all([a * at[0] + b * at[1] + c <= 1e-9 for a, b, c in edges], axis=0)
-    if inside.any():
-        # Metres both ways: rescaling would change which soundings are neighbours.
-        surface = _interpolate().LinearNDInterpolator(np.column_stack([e, n]), z, rescale=False)
-        result[inside] = surface(np.column_stack([at[0][inside], at[1][inside]]))
-    return result
+    hull(e, n)
+    points = np.column_stack([e, n])
+    triangles = spatial().Delaunay(points)
+    where = np.column_stack([at[0].ravel(), at[1].ravel()])
+    result = np.full(len(where), np.nan)
+    # From a triangle at the nearest sounding it is a few steps to the one around a place.
+    nearest = spatial().cKDTree(points).query(where)[1]
+    triangle = np.maximum(triangles.vertex_to_simplex[nearest], 0)
+    walking = np.arange(len(where))
+    for _ in range(_MOST_STEPS):
+        corners = triangles.simplices[triangle]
+        weight = _barycentric(points[corners], where[walking])
+        inside = weight.min(axis=1) >= -_ON_EDGE
+        result[walking[inside]] = np.sum(weight[inside] * z[corners[inside]], axis=1)
+        # Across the edge beyond which a place lies the farthest; -1 is outside of all.
+        ahead = triangles.neighbors[triangle, np.argmin(weight, axis=1)]
+        going = ~inside & (ahead >= 0)
+        walking, triangle = walking[going], ahead[going]
+        if not walking.size:
+            break
+    return result.reshape(at[0].shape)
 
 
-def _interpolate() -> Any:
-    try:
-        from scipy import interpolate
-    except ImportError as error:
-        raise MissingDependencyError("scipy", "maps") from error
-    return interpolate
+def _barycentric(corners: Values, places: Values) -> Values:
+    """Weights of a triangle's corners (N, 3, 2) at places (N, 2), (N, 3): negative beyond the edge opposite."""
+    a, b, c = (corners[:, k] - places for k in range(3))
+    areas = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+    total = areas.sum(axis=1, keepdims=True)
+    return np.asarray(areas / np.where(total == 0, np.nan, total))
+
+
+def _cross(a: Values, b: Values) -> Values:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
 def linear_near(known: Triples, at: tuple[Values, Values], max_gap_m: float) -> Values:
