@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from uwcoop.charts import Chart, load_chart
     from uwcoop.experiment.run import run
     from uwcoop.experiment.study import study
+    from uwcoop.frames import LocalFrame
     from uwcoop.missionlog import MissionLog
     from uwcoop.missionlog.mcap import load_log
     from uwcoop.world.simulate import simulate
@@ -21,6 +22,7 @@ __version__: str
 
 __all__ = [
     "Chart",
+    "LocalFrame",
     "MissionLog",
     "kernels",
     "load_chart",
@@ -33,6 +35,7 @@ __all__ = [
 
 _HOME = {
     "Chart": "uwcoop.charts",
+    "LocalFrame": "uwcoop.frames",
     "MissionLog": "uwcoop.missionlog",
     "load_chart": "uwcoop.charts",
     "load_log": "uwcoop.missionlog.mcap",

@@ -98,7 +98,7 @@ def test_a_header_that_no_longer_fits_is_not_believed(tmp_path: Path) -> None:
 
 def test_other_suffixes_are_refused_and_a_synthetic_chart_is_written(tmp_path: Path) -> None:
     chart = synthetic("poor-bay")
-    with pytest.raises(ChartError, match="must end in one of .tif, .tiff, .nc"):
+    with pytest.raises(ChartError, match=r"must end in one of .tif, .tiff, .nc"):
         write_chart(chart, tmp_path / "x.xyz")
     write_chart(chart, tmp_path / "x.nc")
     assert load_chart(tmp_path / "x.nc") == chart

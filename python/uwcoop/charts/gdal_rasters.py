@@ -93,7 +93,8 @@ def _source(file: Any, name: str, kind: str, reading: Reading, notes: tuple[str,
         raise ChartError(f"{name} has tiles of {file.block_shapes[0]} values: rewrite it with smaller ones")
     header = str(file.tags().get(HEADER, ""))
     if header and not file.crs and reading.crs is None:
-        crs, crs_notes = None, ()  # written from a chart of local metres
+        crs: Any = None
+        crs_notes: tuple[str, ...] = ()  # written from a chart of local metres
     else:
         crs, crs_notes = stated_crs(
             reading.crs, lambda: crs_of(file.crs.to_wkt()) if file.crs else None, name
