@@ -67,7 +67,7 @@ def chart(
         bool,
         typer.Option(
             "--from-soundings",
-            help="The files hold soundings: say what each survey's say of the chart that the others make.",
+            help="The files hold soundings: compare each survey with the chart made of the others.",
         ),
     ] = False,
     align: Annotated[
