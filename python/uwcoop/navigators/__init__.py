@@ -3,7 +3,7 @@
 from uwcoop.navigators.options import DRIFT_PRESETS, DeadReckoningOptions, DmpfOptions, MpfOptions
 from uwcoop.navigators.origin import DeifOptions, DeifRedundantOptions, MdeifOptions, OriginOptions
 from uwcoop.navigators.protocol import Context, Custom, PythonEstimate, PythonNavigator
-from uwcoop.navigators.registry import NAVIGATORS, Spec, build, not_realisable, options_of
+from uwcoop.navigators.registry import NAVIGATORS, Spec, build, not_realisable, options_of, read_options
 from uwcoop.navigators.team import TeamOptions
 
 __all__ = [
@@ -25,4 +25,5 @@ __all__ = [
     "build",
     "not_realisable",
     "options_of",
+    "read_options",
 ]

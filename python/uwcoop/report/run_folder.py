@@ -81,15 +81,15 @@ def write_run(
 
 
 def resolved_scenario(result: RunResult) -> dict[str, Any]:
-    """The mission's scenario with the seed of this run and every option of the navigators that took part.
+    """The mission's scenario with the seed of this run and every option that the navigators that took part read.
 
     `scenario.load` reads it back, so that a result can be had again when defaults have changed.
     """
-    from uwcoop.navigators import NAVIGATORS, options_of
+    from uwcoop.navigators import NAVIGATORS, options_of, read_options
 
     took_part = [str(name) for name in result.tracks["navigator"].values]
     options = {
-        name: options_of(name, result.log.scenario).model_dump(exclude_none=True)
+        name: read_options(name, options_of(name, result.log.scenario))
         for name in took_part
         if name in NAVIGATORS
     }
