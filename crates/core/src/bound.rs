@@ -196,7 +196,7 @@ impl BoundModel {
     /// What `mpf` is told of its world, and `team` of the water that vehicles share; all counted, at the true gradients.
     #[must_use]
     pub fn of(mpf: &MpfSettings, team: &TeamSettings, chart: Option<&Chart>) -> Self {
-        let terrain = mpf.terrain.options(chart, mpf.terrain.drift.options());
+        let terrain = mpf.terrain.options(chart, mpf.drift.options());
         Self {
             drift: terrain.drift,
             bias_states: mpf.terrain.bias_states,

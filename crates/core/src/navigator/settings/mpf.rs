@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::range::{BeliefForm, RangeSettings};
 use super::terrain::TerrainSettings;
-use super::{Bound, Bounded, Context, Made, Settings, Unread, all_unread};
+use super::{Bound, Bounded, Context, DriftSettings, Made, Settings, Unread, all_unread};
 use crate::chart::Chart;
 use crate::error::Error;
 use crate::navigator::mpf::{Mpf, MpfOptions};
@@ -22,6 +22,9 @@ pub struct MpfSettings {
     /// The own core.
     #[serde(flatten)]
     pub terrain: TerrainSettings,
+    /// Drift.
+    #[serde(flatten)]
+    pub drift: DriftSettings,
     /// Ranges.
     #[serde(flatten)]
     pub range: RangeSettings,
@@ -39,6 +42,7 @@ impl Default for MpfSettings {
     fn default() -> Self {
         Self {
             terrain: TerrainSettings::default(),
+            drift: DriftSettings::default(),
             range: RangeSettings { range_gate_sigmas: Some(6.0), ..RangeSettings::default() },
             range_novelty: true,
             range_temper: None,
@@ -58,7 +62,7 @@ impl MpfSettings {
             TEMPER_WITHOUT_NOVELTY
         });
         MpfOptions {
-            terrain: self.terrain.options(chart, self.terrain.drift.options()),
+            terrain: self.terrain.options(chart, self.drift.options()),
             range: self.range.options(RangeMethod::Gaussian { temper }, self.entropy_sigma_m),
             range_novelty: self.range_novelty,
             packet: self.packet.into(),
@@ -75,7 +79,11 @@ impl Settings for MpfSettings {
 
     fn bounds() -> Vec<Bounded> {
         let own = [("range_temper", Bound::SHARE), ("entropy_sigma_m", Bound::POSITIVE)];
-        own.into_iter().chain(RangeSettings::BOUNDS).chain(TerrainSettings::bounds()).collect()
+        own.into_iter()
+            .chain(RangeSettings::BOUNDS)
+            .chain(TerrainSettings::bounds())
+            .chain(DriftSettings::bounds())
+            .collect()
     }
 
     fn unread(&self) -> Vec<Unread> {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::drift::PRESET_OPTIONS;
 use super::range::{BeliefForm, RangeSettings};
 use super::terrain::TerrainSettings;
-use super::{Bound, Bounded, Context, DriftPreset, Made, Settings, Unread, all_unread};
+use super::{Bound, Bounded, Context, DriftPreset, DriftSettings, Made, Settings, Unread, all_unread};
 use crate::chart::Chart;
 use crate::error::Error;
 use crate::navigator::drift::Drift;
@@ -20,6 +20,9 @@ pub struct TeamSettings {
     /// The own core.
     #[serde(flatten)]
     pub terrain: TerrainSettings,
+    /// Drift.
+    #[serde(flatten)]
+    pub drift: DriftSettings,
     /// Ranges.
     #[serde(flatten)]
     pub range: RangeSettings,
@@ -62,6 +65,7 @@ impl Default for TeamSettings {
     fn default() -> Self {
         Self {
             terrain: TerrainSettings { particles: 1500, ..TerrainSettings::default() },
+            drift: DriftSettings::default(),
             range: RangeSettings { range_gate_sigmas: Some(6.0), ..RangeSettings::default() },
             packet: BeliefForm::Rounded,
             frame_bytes: 32,
@@ -80,7 +84,7 @@ impl Default for TeamSettings {
 impl TeamSettings {
     /// Drift of each vehicle.
     fn drifts(&self, vehicles: usize) -> Result<Vec<Drift>, Error> {
-        let own = &self.terrain.drift;
+        let own = &self.drift;
         match &self.team_drift {
             None => Ok(vec![own.options(); vehicles]),
             Some(classes) if classes.len() == vehicles => {
@@ -102,7 +106,7 @@ impl TeamSettings {
         let drifts = self.drifts(context.vehicles)?;
         let own = drifts.get(usize::from(context.vehicle)).copied();
         Ok(TeamOptions {
-            terrain: self.terrain.options(chart, own.unwrap_or_else(|| self.terrain.drift.options())),
+            terrain: self.terrain.options(chart, own.unwrap_or_else(|| self.drift.options())),
             drifts,
             use_ranges: self.range.use_ranges,
             sigma_range_m: self.range.sigma_range_m,
@@ -141,7 +145,11 @@ impl Settings for TeamSettings {
             ("offset_difference_m", Bound::NON_NEGATIVE),
             ("fill_reach_m", Bound::POSITIVE),
         ];
-        own.into_iter().chain(RangeSettings::BOUNDS).chain(TerrainSettings::bounds()).collect()
+        own.into_iter()
+            .chain(RangeSettings::BOUNDS)
+            .chain(TerrainSettings::bounds())
+            .chain(DriftSettings::bounds())
+            .collect()
     }
 
     fn unread(&self) -> Vec<Unread> {

@@ -3,12 +3,13 @@
 use serde::{Deserialize, Serialize};
 
 use super::drift::BIAS_OPTIONS;
-use super::{Bound, Bounded, DriftSettings, Unread, all_unread};
+use super::{Bound, Bounded, Unread, all_unread};
 use crate::chart::Chart;
 use crate::navigator::drift::Drift;
 use crate::navigator::terrain_core::{MonitorOptions, TerrainOptions};
 
-/// Cloud, datum offset, soundings, health monitor, drift.
+/// Cloud, datum offset, soundings, health monitor. Drift stands beside it: serde refuses unknown options only where
+/// flattened structures are not nested.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct TerrainSettings {
     /// Particles.
@@ -51,9 +52,6 @@ pub struct TerrainSettings {
     pub monitor_quiet_s: f64,
     /// See `monitor_repeat_spread_m`, s.
     pub monitor_repeat_s: f64,
-    /// Drift.
-    #[serde(flatten)]
-    pub drift: DriftSettings,
 }
 
 const MONITOR_OPTIONS: [&str; 8] = [
@@ -90,7 +88,6 @@ impl Default for TerrainSettings {
             monitor_spread_current_mps: 0.1,
             monitor_quiet_s: 20.0,
             monitor_repeat_s: 100.0,
-            drift: DriftSettings::default(),
         }
     }
 }
@@ -115,7 +112,7 @@ impl TerrainSettings {
             ("monitor_alarm", Bound::POSITIVE),
         ];
         let spreads = MONITOR_OPTIONS[3..].iter().map(|option| (*option, Bound::NON_NEGATIVE));
-        own.into_iter().chain(spreads).chain(DriftSettings::bounds()).collect()
+        own.into_iter().chain(spreads).collect()
     }
 
     /// Options that have no effect as the others stand.
