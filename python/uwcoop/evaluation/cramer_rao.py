@@ -1,8 +1,8 @@
-"""How well a team could possibly know where it is: its Cramér-Rao bound along a mission's true tracks.
+"""The smallest covariance that a team's estimates can have: its Cramér-Rao bound along a mission's true tracks.
 
-Joint over the team and centralised: every sounding and range in one place at the moment it is measured. The model is
-that of `mpf` with the scenario's options, and what `team` is told of the water that vehicles share, so the bound is what
-those priors and noises allow.
+Joint over the team and centralised: each sounding and range is available in one place as soon as it is measured. The
+model is that of `mpf` with the scenario's options, with `team`'s options for the current and the tide that vehicles
+share. The bound holds for those priors and noises.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ if TYPE_CHECKING:
 __all__ = ["BOUNDS", "bound_covariance_m2", "bound_m", "bounds_of"]
 
 MODEL_OF = "mpf"
-"""The packaged navigator whose options say what the team knows of its world."""
+"""The packaged navigator whose options are the bound's priors and noises."""
 
 SHARED_OF = "team"
-"""The one whose options say what the vehicles' currents and tides have in common."""
+"""The one whose options state what the vehicles' currents and tides have in common."""
 
 BOUNDS = {
     "bound_m": "root of the trace of the team's Cramér-Rao bound",
@@ -84,7 +84,7 @@ def bound_covariance_m2(
     """
     if log.chart is None or log.truth is None:
         return None
-    stated = tuple(options_of(name, log.scenario).stated() for name in (MODEL_OF, SHARED_OF))
+    stated = tuple(options_of(name, log.setup).stated() for name in (MODEL_OF, SHARED_OF))
     truth = log.truth
     position = truth["position_m"].transpose("vehicle", "time", "axis").to_numpy()
     return _native.bound(

@@ -20,11 +20,23 @@ from uwcoop.errors import NavigatorError
 from uwcoop.navigators import landmark, options, origin, team
 from uwcoop.navigators.base import METHODS, NavigatorOptions
 from uwcoop.navigators.protocol import Context
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     from uwcoop._native import CentralEstimator, Navigator
+    from uwcoop.scenario.acoustics import Acoustics
 
-__all__ = ["MODELS", "NAVIGATORS", "Options", "Spec", "build", "not_realisable", "options_of", "read_options"]
+__all__ = [
+    "MODELS",
+    "NAVIGATORS",
+    "Options",
+    "Spec",
+    "build",
+    "build_central",
+    "not_realisable",
+    "options_of",
+    "read_options",
+]
 
 Options: TypeAlias = NavigatorOptions
 """Options of a packaged navigator."""
@@ -63,7 +75,7 @@ class Spec:
     central: bool = False
     """Made once for the whole team (with the first vehicle's context): a `CentralEstimator`."""
     realisable: bool = True
-    """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
+    """False: it uses information that no vehicle has, e.g. which of its packets arrived."""
 
 
 NAVIGATORS: dict[str, Spec] = {
@@ -81,8 +93,12 @@ NAVIGATORS: dict[str, Spec] = {
 """Packaged navigators by name."""
 
 
-def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
+def options_of(name: str, setup: MissionSetup | None = None) -> Options:
     """Options of a packaged navigator: defaults, then `[navigator.all]`, then `[navigator.NAME]`.
+
+    Args:
+        name: of `NAVIGATORS`.
+        setup: of a mission, whose tables are read; None: the defaults alone.
 
     Raises:
         NavigatorError: an unknown navigator or option, a value outside its bound, or an option of `[navigator.NAME]`
@@ -90,11 +106,11 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     """
     spec = _spec(name)
     known = spec.options.model_fields
-    tables = (scenario or {}).get("navigator", {})
-    unknown = sorted(set(tables) - set(NAVIGATORS) - {"all"})
+    setup = MissionSetup() if setup is None else setup
+    common = setup.navigator.common
+    unknown = sorted(set(setup.navigator.own) - set(NAVIGATORS))
     if unknown:
         raise NavigatorError(f"navigator.{unknown[0]}: no such navigator{_nearest(unknown[0], NAVIGATORS)}")
-    common = tables.get("all", {})
     every = {field for each in NAVIGATORS.values() for field in each.options.model_fields}
     for option in common:
         if option not in every:
@@ -103,8 +119,8 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
             )
     # What makes a navigator what its name says is not for `all` to change.
     implied = {key: value for key, value in common.items() if key in known and key not in spec.fixed}
-    own = dict(tables.get(name, {}))
-    implied = _implied_by_scenario(spec, scenario or {}, {**implied, **own}) | implied
+    own = dict(setup.navigator.own.get(name, {}))
+    implied = _implied_by_setup(spec, setup, {**implied, **own}) | implied
     for option, value in spec.fixed.items():
         if own.get(option, value) != value:
             raise NavigatorError(
@@ -119,24 +135,21 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     return _validated(name, {**read, **own, **spec.fixed})
 
 
-def _implied_by_scenario(
-    spec: Spec, scenario: Mapping[str, Any], stated: Mapping[str, Any]
-) -> dict[str, Any]:
-    """Options that follow the scenario's other tables unless they are stated."""
-    known, found = spec.options.model_fields, {}
-    acoustics = scenario.get("acoustics", {})
-    diagnostics = scenario.get("diagnostics", {})
-    if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in known:
-        found["entropy_sigma_m"] = diagnostics["entropy_sigma_m"]
-    if acoustics.get("packet") is not None and "packet_form" in known:
-        found["packet_form"] = acoustics["packet"]
+def _implied_by_setup(spec: Spec, setup: MissionSetup, stated: Mapping[str, Any]) -> dict[str, Any]:
+    """Options that follow the mission's other tables unless they are stated."""
+    known = spec.options.model_fields
+    found: dict[str, Any] = {}
+    if setup.diagnostics.entropy == "at_reception" and "entropy_sigma_m" in known:
+        found["entropy_sigma_m"] = setup.diagnostics.entropy_sigma_m
+    if setup.acoustics is not None and "packet_form" in known:
+        found["packet_form"] = setup.acoustics.packet
     # A packet that is laid out for its frame keeps the tag's room.
-    tags = acoustics.get("authentication", {}).get("tag_bytes", 0)
+    tags = setup.authentication.tag_bytes
     if tags and "tag_bytes" in known:
         found["tag_bytes"] = tags
     full = tags and "exact_lags" in known and {**found, **stated}.get("packet_form") == "32"
     # The exact lag fills its frame: where the slot has no more, it makes way for the tag.
-    if full and not _slot_holds(scenario, 32 - CHECKSUM_BYTES + tags):
+    if full and setup.acoustics and not _slot_holds(setup.acoustics, 32 - CHECKSUM_BYTES + tags):
         found["exact_lags"] = 0
     return found
 
@@ -162,12 +175,10 @@ CHECKSUM_BYTES = 2
 """What a tag replaces."""
 
 
-def _slot_holds(scenario: Mapping[str, Any], packet_bytes: int) -> bool:
+def _slot_holds(plan: Acoustics, packet_bytes: int) -> bool:
     from uwcoop import acoustics
     from uwcoop.errors import ScheduleError
-    from uwcoop.scenario.acoustics import Acoustics
 
-    plan = Acoustics.model_validate(scenario["acoustics"])
     try:
         acoustics.check_packet(plan, packet_bytes)
     except ScheduleError:
@@ -175,32 +186,49 @@ def _slot_holds(scenario: Mapping[str, Any], packet_bytes: int) -> bool:
     return True
 
 
-def build(
-    name: str, context: Context, options: Options, chart: _native.Chart | None
-) -> Navigator | CentralEstimator:
-    """A packaged navigator for one vehicle, or a centralised one for all; `chart` is `native_chart(context.chart)`,
-    shared by the team.
+def build(name: str, context: Context, options: Options, chart: _native.Chart | None) -> Navigator:
+    """One vehicle's packaged navigator.
+
+    Args:
+        name: of `NAVIGATORS`; not a centralised one, which `build_central` makes.
+        context: what the vehicle carries.
+        options: as `options_of` gives them.
+        chart: `native_chart(context.chart)`, shared by the team; None: no chart on board.
 
     Raises:
-        NavigatorError: an option that would not be read, or that does not fit the team.
+        NavigatorError: an unknown name, a centralised estimator, an option outside its bound or that would not be read.
     """
-    ranging, stated = list(context.ranging), options.stated()
     if _spec(name).central:
-        return _native.make_central(name, context.vehicles, context.sound_speed_mps, ranging, stated)
+        raise NavigatorError(
+            f"navigator {name!r} is one estimator for the whole team: build_central makes it, not build"
+        )
     return _native.make_navigator(
         name,
         context.vehicle,
         context.vehicles,
         context.sound_speed_mps,
         context.seed,
-        ranging,
-        stated,
+        list(context.ranging),
+        options.stated(),
         chart,
     )
 
 
+def build_central(name: str, context: Context, options: Options) -> CentralEstimator:
+    """A centralised estimator: one for the whole team, made with the first vehicle's context. As `build`.
+
+    Raises:
+        NavigatorError: an unknown name, a navigator of one vehicle, an option outside its bound or that would not be
+            read.
+    """
+    if not _spec(name).central:
+        raise NavigatorError(f"navigator {name!r} is of one vehicle: build makes it, not build_central")
+    ranging, stated = list(context.ranging), options.stated()
+    return _native.make_central(name, context.vehicles, context.sound_speed_mps, ranging, stated)
+
+
 def not_realisable(names: Iterable[str]) -> set[str]:
-    """Those of the names that are packaged navigators which are told what no vehicle can know."""
+    """Those of the names that are packaged navigators which use information that no vehicle has."""
     return {name for name in names if name in NAVIGATORS and not NAVIGATORS[name].realisable}
 
 

@@ -4,6 +4,7 @@ pub mod authenticated;
 pub mod dead_reckoning;
 pub mod dmpf;
 pub mod drift;
+pub mod gated_counts;
 pub mod landmark;
 pub mod mpf;
 pub mod origin;

@@ -43,7 +43,7 @@ pub struct Packaged {
     fixed: &'static str,
     /// When it takes part unless a user names it.
     pub takes_part: TakesPart,
-    /// False: it is told what no vehicle can know, e.g. which of its packets arrived.
+    /// False: it uses information that no vehicle has, e.g. which of its packets arrived.
     pub realisable: bool,
 }
 
@@ -273,12 +273,12 @@ pub static PACKAGED: &[Packaged] = &[
         realisable: false,
         ..Packaged::listed::<DeifSettings>(
             "deif",
-            "Delta information from launch to launch, told what arrives (Walls & Eustice 2012, section 3). One-way only.",
+            "Delta information between launches, with a delivery oracle (Walls & Eustice 2012, section 3). One-way only.",
         )
     },
     Packaged::listed::<DeifRedundantSettings>(
         "deif-redundant",
-        "deif that repeats its last deltas in each packet instead of being told. One-way only.",
+        "deif that repeats its last deltas in each packet in place of the oracle. One-way only.",
     ),
     Packaged::listed::<MdeifSettings>(
         "mdeif",
