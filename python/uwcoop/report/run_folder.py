@@ -60,6 +60,7 @@ def write_run(
             "setup.png": _write_setup,
             "uncertainty.png": _write_uncertainty,
             "origin.png": _write_origin,
+            "current.png": _write_current,
         }
         if "role_taken" in result.log.events:
             writers |= {
@@ -229,6 +230,12 @@ def _write_uncertainty(result: RunResult, path: Path) -> None:
     from uwcoop.figures.uncertainty import uncertainty_figure
 
     uncertainty_figure(result.tracks, result.packets).savefig(path)
+
+
+def _write_current(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.current import current_figure
+
+    current_figure(result.tracks, result.log.truth).savefig(path)
 
 
 def _write_origin(result: RunResult, path: Path) -> None:

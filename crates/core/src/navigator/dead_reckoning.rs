@@ -5,8 +5,8 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::LINEAR_STATES;
 use super::drift::Drift;
-use super::particle_core::LINEAR_STATES;
 use super::snapshot::{load, save};
 use super::{Estimate, Navigator, Outcome, Status, check_event, check_sender};
 use crate::error::Error;

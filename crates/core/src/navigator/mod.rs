@@ -2,9 +2,9 @@
 
 pub mod authenticated;
 pub mod dead_reckoning;
+pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
-pub mod gated_counts;
 pub mod landmark;
 pub mod mpf;
 pub mod origin;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::teammates;
 use super::radio::{HeardBelief, Radio};
 use super::range::RangeOptions;
 use super::range_novelty::RangeNovelty;
@@ -198,7 +199,12 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        self.terrain.diagnostics()
+        let mut said = self.terrain.diagnostics();
+        if self.options.range.is_some() {
+            let heard = self.link.range_novelty.last_heard();
+            said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        }
+        said
     }
 
     fn information_nat(&self) -> f64 {

@@ -3,15 +3,15 @@
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::GatedCounts;
 use super::drift::Drift;
-use super::gated_counts::GatedCounts;
 use super::range_novelty::Growth;
 use super::trajectory::Trajectory;
 use super::{Estimate, Outcome, Particles, Status};
 use crate::cloud::Cloud;
 use crate::error::Error;
-use crate::event::{Payload, seconds};
-use crate::kernels::particles::{MAX_LINEAR, ParticleStep, displacement_map, prepare_step};
+use crate::event::seconds;
+use crate::kernels::particles::{ParticleStep, displacement_map, prepare_step};
 use crate::kernels::weights::{known_share, weighted_covariance};
 use crate::random::{Purpose, Stream, Streams};
 
@@ -50,14 +50,6 @@ const FIXES_BELIEVED: u32 = 3;
 const FIX_FLOOR_M2: f64 = 0.01;
 /// Share of the weight that must have a chart for a sounding to be used.
 const CHART_SHARE: f64 = 0.2;
-
-/// Names of the linear states and of their standard deviations, as diagnostics have them.
-pub const LINEAR_STATES: [[&str; 2]; MAX_LINEAR] = [
-    ["current_east_mps", "sigma_current_east_mps"],
-    ["current_north_mps", "sigma_current_north_mps"],
-    ["heading_bias_rad", "sigma_heading_bias_rad"],
-    ["thrust_bias_mps", "sigma_thrust_bias_mps"],
-];
 
 impl<const K: usize> ParticleCore<K> {
     /// `particles` particles without a position yet.
@@ -160,29 +152,6 @@ impl<const K: usize> ParticleCore<K> {
             trajectory.advance(t_ns, mean_step);
         }
         made
-    }
-
-    /// Counts by kind what an event that began with `rejected_before` added to the gated and rejected.
-    pub fn count_gated(&mut self, payload: &Payload, outcome: Outcome, rejected_before: u64) {
-        self.gated.count(payload, outcome, self.rejected.saturating_sub(rejected_before));
-    }
-
-    /// Mean (10) and standard deviation (12) of each linear state, counts by kind; NaN before the start.
-    #[must_use]
-    pub fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = Vec::with_capacity(16);
-        let mean = self.cloud.linear_mean();
-        for (k, column) in self.cloud.linear.iter().enumerate() {
-            let spread_m2 = weighted_covariance(self.cloud.weights(), column, mean[k], column, mean[k]);
-            let sigma = (self.covariance[(k, k)] + spread_m2).max(0.0).sqrt();
-            let [name, name_of_sigma] = LINEAR_STATES[k];
-            let known = self.started();
-            said.push((name, if known { mean[k] } else { f64::NAN }));
-            said.push((name_of_sigma, if known { sigma } else { f64::NAN }));
-        }
-        said.extend(self.gated.diagnostics());
-        said.push(("restarts", f64::from(self.restarts)));
-        said
     }
 
     /// Starts at the first fix; later ones weigh the particles.

@@ -21,6 +21,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::teammates;
 use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
@@ -323,17 +324,9 @@ impl<const K: usize> Navigator for Team<K> {
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         let mut said = self.terrain.diagnostics();
-        let now_ns = self.terrain.state.core.now_ns().unwrap_or(0);
         let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
-        let (mut count, mut longest_s, mut widest_m) = (0.0, f64::NAN, f64::NAN);
-        for (tol_ns, _, [ee, _, nn]) in heard {
-            count += 1.0;
-            longest_s = f64::max(longest_s, seconds(now_ns.saturating_sub(tol_ns)));
-            widest_m = f64::max(widest_m, (ee + nn).sqrt());
-        }
-        said.push(("teammates_heard", count));
-        said.push(("teammate_longest_unheard_s", longest_s));
-        said.push(("teammate_largest_sigma_m", widest_m));
+        let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
+        said.extend(teammates(self.terrain.state.core.now_ns(), heard));
         said
     }
 
