@@ -60,6 +60,7 @@ def write_run(
             "setup.png": _write_setup,
             "uncertainty.png": _write_uncertainty,
             "origin.png": _write_origin,
+            "current.png": _write_current,
         }
         if "role_taken" in result.log.events:
             writers |= {
@@ -81,19 +82,15 @@ def write_run(
 
 
 def resolved_scenario(result: RunResult) -> dict[str, Any]:
-    """The mission's scenario with the seed of this run and every option of the navigators that took part.
+    """The mission's scenario with the seed of this run and every option that the navigators that took part read.
 
     `scenario.load` reads it back, so that a result can be had again when defaults have changed.
     """
-    from uwcoop.navigators import NAVIGATORS, options_of
+    from uwcoop.navigators import NAVIGATORS, options_of, read_options
 
     took_part = [str(name) for name in result.tracks["navigator"].values]
     setup = result.log.setup
-    options = {
-        name: options_of(name, setup).model_dump(exclude_none=True)
-        for name in took_part
-        if name in NAVIGATORS
-    }
+    options = {name: read_options(name, options_of(name, setup)) for name in took_part if name in NAVIGATORS}
     return setup.resolved(result.log.seed, options)
 
 
@@ -236,6 +233,12 @@ def _write_uncertainty(result: RunResult, path: Path) -> None:
     from uwcoop.figures.uncertainty import uncertainty_figure
 
     uncertainty_figure(result.tracks, result.packets).savefig(path)
+
+
+def _write_current(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.current import current_figure
+
+    current_figure(result.tracks, result.log.truth).savefig(path)
 
 
 def _write_origin(result: RunResult, path: Path) -> None:
