@@ -12,7 +12,7 @@ from uwcoop.acoustics.losses import Signals, packet_survival, survival, survive_
 from uwcoop.acoustics.modem import (
     MODEMS,
     NO_LIMIT_BYTES,
-    Modem,
+    ModemFigures,
     air_time_s,
     frames_of,
     link_of,
@@ -44,7 +44,7 @@ __all__ = [
     "MODEMS",
     "NO_LIMIT_BYTES",
     "RESIDENCE_BYTES",
-    "Modem",
+    "ModemFigures",
     "ReceptionTable",
     "Signals",
     "air_time_s",

@@ -17,6 +17,7 @@ from uwcoop.cli.options import (
     SeedOption,
     SetOption,
 )
+from uwcoop.cli.scenario_commands import budget, keys, scenarios
 from uwcoop.cli.terminal import (
     OneLineErrors,
     names_of,
@@ -75,14 +76,8 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-@app.command()
-def scenarios() -> None:
-    """What is packaged: scenarios to fly and navigators to fly them with."""
-    from uwcoop.navigators import NAVIGATORS
-    from uwcoop.report.input_tables import packaged_tables
-    from uwcoop.scenario import packaged
-
-    terminal().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
+for _command in (scenarios, keys, budget):
+    app.command()(_command)
 
 
 @app.command()
@@ -316,18 +311,6 @@ def study(
         say_written(files, output)
     if as_json:
         typer.echo(summary_text(result.summary))
-
-
-@app.command()
-def budget(
-    scenario: ScenarioArgument, navigator: NavigatorsOption = None, settings: SetOption = None
-) -> None:
-    """What talking costs: fields, bytes, frames, air time, slot and cycle; what other teams and slots would do."""
-    from uwcoop.experiment.mission import load_scenario
-    from uwcoop.experiment.packet_budget import budget as count
-    from uwcoop.report.budget_tables import budget_report
-
-    terminal().print(budget_report(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
 
 
 @app.command()

@@ -7,6 +7,7 @@ from uwcoop.scenario.loading import (
     chart_spec,
     load,
     packaged,
+    packaged_text,
     parse,
 )
 from uwcoop.scenario.models import Scenario
@@ -19,5 +20,6 @@ __all__ = [
     "chart_spec",
     "load",
     "packaged",
+    "packaged_text",
     "parse",
 ]

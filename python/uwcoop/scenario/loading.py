@@ -28,6 +28,18 @@ def packaged() -> list[tuple[str, str]]:
     return [(name, str(_packaged_table(name).get("description", ""))) for name in _packaged_names()]
 
 
+def packaged_text(name: str) -> str:
+    """The file of a packaged scenario, to start one's own from.
+
+    Raises:
+        ScenarioError: no scenario of this name is packaged.
+    """
+    known = _packaged_names()
+    if name not in known:
+        raise ScenarioError(f"scenario {name!r} is not packaged: {nearest(name, known)}")
+    return (_PACKAGE / f"{name}.toml").read_text(encoding="utf-8")
+
+
 def load(
     name_or_path: str | Path, overrides: Iterable[str] = (), settings: Mapping[str, Any] | None = None
 ) -> Scenario:
@@ -197,7 +209,7 @@ def _packaged_names() -> list[str]:
 
 
 def _packaged_table(name: str) -> dict[str, Any]:
-    return tomllib.loads((_PACKAGE / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(packaged_text(name))
 
 
 def _read(path: Path) -> dict[str, Any]:
