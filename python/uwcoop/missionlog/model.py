@@ -143,6 +143,8 @@ class MissionLog:
     """The resolved scenario, JSON-serialisable."""
     truth: xr.Dataset | None = None
     """dims (vehicle, time, axis): `position_m`, `depth_m`, `yaw_rad`, `current_mps`; `time` float64 s."""
+    notes: tuple[str, ...] = ()
+    """What was assumed, dropped or converted while the log was made, one sentence each."""
     team_key: bytes | None = field(default=None, repr=False, compare=False)
     """Key of the packets' tags, in memory only: no file holds it."""
 
@@ -158,7 +160,17 @@ class MissionLog:
 
         NaNs are equal when their bits are. Truth counts; what the chart is called does not.
         """
-        for name in ("name", "seed", "vehicles", "duration_ns", "link", "origin", "scenario", "payloads"):
+        for name in (
+            "name",
+            "seed",
+            "vehicles",
+            "duration_ns",
+            "link",
+            "origin",
+            "scenario",
+            "notes",
+            "payloads",
+        ):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 return f"{name}: {mine!r} != {theirs!r}" if name != "payloads" else "payloads differ"

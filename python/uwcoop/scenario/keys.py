@@ -124,8 +124,9 @@ def _plain(value: Mapping[str, Any]) -> dict[str, Any]:
 
 def choice_of(schema: Mapping[str, Any]) -> str:
     """`kind = "waypoints"` of a table that is one of several; empty for others."""
-    key, value = next(iter(schema["properties"].items()), ("", {}))
-    return f'{key} = "{value["const"]}"' if "const" in value else ""
+    for key, value in schema["properties"].items():
+        return f'{key} = "{value["const"]}"' if "const" in value else ""
+    return ""
 
 
 def unit_of(key: str) -> str:

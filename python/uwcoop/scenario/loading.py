@@ -230,6 +230,9 @@ def _resolve_paths(table: dict[str, Any], folder: Path) -> None:
     source = chart.get("source") if isinstance(chart, dict) else None
     if isinstance(chart, dict) and isinstance(source, str) and not source.startswith(SYNTHETIC):
         chart["source"] = str(folder / source)
+    area = table.get("area")
+    if isinstance(area, dict) and isinstance(area.get("file"), str):
+        area["file"] = str(folder / area["file"])
     acoustics = table.get("acoustics")
     given = [acoustics.get("loss"), acoustics.get("losses")] if isinstance(acoustics, dict) else []
     for loss in [given[0], *given[1]] if given and isinstance(given[1], list) else given:

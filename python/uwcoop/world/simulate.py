@@ -12,10 +12,10 @@ import numpy as np
 from uwcoop import acoustics
 from uwcoop import scenario as scenarios
 from uwcoop.errors import ChartError, ScenarioError
-from uwcoop.frames import LocalFrame, Origin
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.world import sensors
+from uwcoop.world.places import coverage_notes, placed
 from uwcoop.world.random_streams import TEAM, Purpose, stream
 from uwcoop.world.vehicles import team_motion
 
@@ -59,23 +59,24 @@ def simulate(
         raise ScenarioError(f"seed is {seed}: must be at least 0")
     names = tuple(vehicle.name for vehicle in scenario.team)
     seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
-    flown = (
-        _alternating(scenario, seed) if scenario.exchange is not None else _scheduled(scenario, seabed, seed)
-    )
+    place = placed(scenario, chart)
+    world = place.scenario
+    flown = _alternating(world, seed) if world.exchange is not None else _scheduled(world, seabed, seed)
     return MissionLog(
         name=scenario.name,
         seed=seed,
         vehicles=names,
         duration_ns=round(scenario.duration_s) * 1_000_000_000,
         link=acoustics.link_of(scenario.acoustics),
-        events=sensors.events_of(scenario, seabed, flown.motion, seed, flown.events),
+        events=sensors.events_of(world, seabed, flown.motion, seed, flown.events),
         slots=flown.slots,
         opportunities=flown.opportunities,
         polls=acoustics.polls(scenario.acoustics, flown.slots, flown.motion, seed, names),
         chart=chart,
-        origin=_origin(scenario) if chart is None else chart.origin,
+        origin=place.origin,
         scenario=scenario.resolved(),
         truth=_truth(names, flown.motion),
+        notes=(*place.notes, *flown.notes),
         team_key=scenario.acoustics.authentication.key,
     )
 
@@ -88,6 +89,7 @@ class _Flown:
     slots: Columns
     opportunities: Columns
     events: dict[str, Columns]
+    notes: tuple[str, ...] = ()
 
 
 def _scheduled(scenario: Scenario, seabed: Chart | None, seed: int) -> _Flown:
@@ -96,7 +98,7 @@ def _scheduled(scenario: Scenario, seabed: Chart | None, seed: int) -> _Flown:
     slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
     motion = team_motion(scenario, seabed, seed)
     heard = acoustics.opportunities(scenario.acoustics, slots, motion, seed, names)
-    return _Flown(motion, slots, heard, {})
+    return _Flown(motion, slots, heard, {}, tuple(coverage_notes(scenario, seabed, motion)))
 
 
 def _alternating(scenario: Scenario, seed: int) -> _Flown:
@@ -105,13 +107,6 @@ def _alternating(scenario: Scenario, seed: int) -> _Flown:
 
     course = fly(scenario, seed)
     return _Flown(course.motion, course.slots, course.opportunities, course.events)
-
-
-def _origin(scenario: Scenario) -> Origin:
-    place = scenario.deployment
-    if place.latitude_deg is None or place.longitude_deg is None:
-        return Origin()
-    return LocalFrame.at(place.latitude_deg, place.longitude_deg).origin
 
 
 def _seabed_and_chart(

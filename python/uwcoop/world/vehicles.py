@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.frames import turned, wrap_angle, yaw_from_heading
-from uwcoop.scenario.vehicle import Adrift
+from uwcoop.scenario.vehicle import Adrift, AreaShare
 from uwcoop.scenario.world import ConstantCurrent, NoCurrent
 from uwcoop.world.paths import Pursuit, waypoints_of
 from uwcoop.world.random_streams import TEAM, Purpose, stream
@@ -182,7 +182,7 @@ def _follow_path(
     """Steer along the planned path by the true position: the path is driven, whatever the compass says."""
     steps = len(current) - 1
     assert vehicle.path is not None
-    assert not isinstance(vehicle.path, Adrift)
+    assert not isinstance(vehicle.path, Adrift | AreaShare)
     corners = waypoints_of(vehicle.path, vehicle, chart, vehicle.speed_mps * steps, rng)
     pursuit = Pursuit(corners, vehicle.look_ahead_m)
     push = current + errors.velocity + errors.bias
@@ -213,6 +213,7 @@ def _float_about(
     damping = 1.0 / path.velocity_time_s
     sigma = math.sqrt(path.push_m2ps3 / (2 * damping))
     stiffness = (sigma / path.spread_m) ** 2
+    assert path.start_m is not None
     start = np.array(path.start_m)
     velocity = np.empty((steps + 1, 2))
     position = np.empty((steps + 1, 2))
