@@ -203,8 +203,9 @@ class Track(Table):
     """A recorded track, followed exactly; its soundings, if it has any, replace the simulated ones."""
 
     file: str
-    """CSV with a header line, relative to the scenario file; `.gz` is read too."""
-    columns: TrackColumns
+    """Text table (CSV and its kin, gzipped or not), relative to the scenario file."""
+    columns: TrackColumns | None = None
+    """Names of its columns; without them what the header calls time, position, sounding."""
     crs: str | None = None
     """Projection of east and north, e.g. "EPSG:32654"; without it they are the chart's local metres."""
     time_unit: Literal["s", "ms", "us", "ns"] | None = None
@@ -217,6 +218,8 @@ class Track(Table):
     """A longer silence in the record is refused; shorter ones become a straight line without soundings."""
     max_speed_mps: Positive = 15.0
     """A faster move from row to row is refused: the position is wrong."""
+    drop_without_fix: bool = False
+    """Leave out rows at latitude and longitude 0, as receivers write them before their first fix; else refuse them."""
 
 
 class VehicleBase(Table):

@@ -17,6 +17,7 @@ from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.world import sensors
 from uwcoop.world.places import coverage_notes, placed
 from uwcoop.world.random_streams import TEAM, Purpose, stream
+from uwcoop.world.tracks import read_tracks
 from uwcoop.world.vehicles import team_motion
 
 if TYPE_CHECKING:
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 
     from uwcoop.charts import Chart
     from uwcoop.charts.survey import SurveyPlan
+    from uwcoop.frames import Origin
     from uwcoop.missionlog.model import Columns
     from uwcoop.scenario.chart import ChartSpec
     from uwcoop.scenario.models import Scenario
@@ -61,7 +63,11 @@ def simulate(
     seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
     place = placed(scenario, chart)
     world = place.scenario
-    flown = _alternating(world, seed) if world.exchange is not None else _scheduled(world, seabed, seed)
+    flown = (
+        _alternating(world, seed)
+        if world.exchange is not None
+        else _scheduled(world, seabed, place.origin, seed)
+    )
     return MissionLog(
         name=scenario.name,
         seed=seed,
@@ -92,13 +98,16 @@ class _Flown:
     notes: tuple[str, ...] = ()
 
 
-def _scheduled(scenario: Scenario, seabed: Chart | None, seed: int) -> _Flown:
+def _scheduled(scenario: Scenario, seabed: Chart | None, origin: Origin, seed: int) -> _Flown:
     """Paths and slots that do not depend on each other."""
     names = tuple(vehicle.name for vehicle in scenario.team)
     slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
-    motion = team_motion(scenario, seabed, seed)
+    records = read_tracks(scenario.team, seabed, origin, round(scenario.duration_s))
+    motion = team_motion(scenario, seabed, seed, records)
     heard = acoustics.opportunities(scenario.acoustics, slots, motion, seed, names)
-    return _Flown(motion, slots, heard, {}, tuple(coverage_notes(scenario, seabed, motion)))
+    notes = [note for record in records.values() for note in record.notes]
+    notes += coverage_notes(scenario, seabed, motion)
+    return _Flown(motion, slots, heard, {}, tuple(notes))
 
 
 def _alternating(scenario: Scenario, seed: int) -> _Flown:
