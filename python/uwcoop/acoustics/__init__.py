@@ -38,7 +38,8 @@ from uwcoop.acoustics.schedule import (
     slot_needed_s,
 )
 from uwcoop.acoustics.sea_water import mackenzie_mps
-from uwcoop.acoustics.sound import true_sound_speed_mps
+from uwcoop.acoustics.sound import profile_note, true_sound_speed_mps
+from uwcoop.acoustics.teos10 import teos10_mps
 
 __all__ = [
     "MODEMS",
@@ -63,6 +64,7 @@ __all__ = [
     "poll_air_s",
     "pollers_of",
     "polls",
+    "profile_note",
     "read_reception",
     "schedule",
     "slot_capacity_bytes",
@@ -70,6 +72,7 @@ __all__ = [
     "slot_needed_s",
     "survival",
     "survive_probability",
+    "teos10_mps",
     "travel_time_s",
     "true_sound_speed_mps",
 ]

@@ -8,18 +8,18 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from uwcoop.acoustics.modem_profiles import MODEMS
-from uwcoop.acoustics.sea_water import SALINITY_PSU, TEMPERATURE_C
 from uwcoop.scenario.authentication import Authentication
 from uwcoop.scenario.base import NonNegative, Positive, Table
 from uwcoop.scenario.losses import IndependentLoss, Loss, NoLoss, named_vehicles
 from uwcoop.scenario.modem import Modem, ModemTable
+from uwcoop.scenario.water import SoundSpeed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from uwcoop.acoustics.modem_profiles import ModemFigures
 
-__all__ = ["Acoustics", "Clock", "IndependentLoss", "Loss", "Mackenzie", "Modem", "NoLoss", "TwoWay"]
+__all__ = ["Acoustics", "Clock", "IndependentLoss", "Loss", "Modem", "NoLoss", "TwoWay"]
 
 
 def _as_text(value: object) -> object:
@@ -33,14 +33,6 @@ class Clock(Table):
     offset_sigma_s: NonNegative = 0.0
     """At the start of the mission."""
     drift_sigma_ppm: NonNegative = 0.0
-
-
-class Mackenzie(Table):
-    """Sea water whose sound speed follows from temperature, salinity and depth (Mackenzie 1981)."""
-
-    model: Literal["mackenzie"]
-    temperature_c: Annotated[float, Field(ge=TEMPERATURE_C[0], le=TEMPERATURE_C[1])]
-    salinity_psu: Annotated[float, Field(ge=SALINITY_PSU[0], le=SALINITY_PSU[1])]
 
 
 class TwoWay(Table):
@@ -105,7 +97,7 @@ class Acoustics(Table):
     two_way: TwoWay = TwoWay()
     sound_speed_mps: Positive = 1500.0
     """What the navigators believe."""
-    sound_speed: Mackenzie | None = None
+    sound_speed: SoundSpeed | None = None
     """The water's true sound speed; without it, what the navigators believe."""
     sound_speed_error_mps: float = 0.0
     """Added to the true one."""

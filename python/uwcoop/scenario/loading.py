@@ -238,6 +238,9 @@ def _resolve_paths(table: dict[str, Any], folder: Path) -> None:
     for loss in [given[0], *given[1]] if given and isinstance(given[1], list) else given:
         if isinstance(loss, dict) and isinstance(loss.get("file"), str):
             loss["file"] = str(folder / loss["file"])
+    water = acoustics.get("sound_speed") if isinstance(acoustics, dict) else None
+    if isinstance(water, dict) and isinstance(water.get("file"), str):
+        water["file"] = str(folder / water["file"])
     tags = acoustics.get("authentication") if isinstance(acoustics, dict) else None
     if isinstance(tags, dict) and isinstance(tags.get("key_file"), str):
         tags["key_file"] = str(folder / tags["key_file"])

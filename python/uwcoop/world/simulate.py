@@ -82,7 +82,7 @@ def simulate(
         origin=place.origin,
         scenario=scenario.resolved(),
         truth=_truth(names, flown.motion),
-        notes=(*place.notes, *flown.notes),
+        notes=(*place.notes, *flown.notes, *_water_notes(scenario, flown.motion)),
         team_key=scenario.acoustics.authentication.key,
     )
 
@@ -116,6 +116,11 @@ def _alternating(scenario: Scenario, seed: int) -> _Flown:
 
     course = fly(scenario, seed)
     return _Flown(course.motion, course.slots, course.opportunities, course.events)
+
+
+def _water_notes(scenario: Scenario, motion: Sequence[Motion]) -> list[str]:
+    note = acoustics.profile_note(scenario.acoustics, np.concatenate([moved.depth_m for moved in motion]))
+    return [] if note is None else [note]
 
 
 def _seabed_and_chart(
