@@ -12,13 +12,13 @@ use uwcoop_core::error::Error;
 use uwcoop_core::kernels::likelihood::{
     RangeBelief, add_range_gaussian, range_eq17, terrain_log_likelihood_fast,
 };
-use uwcoop_core::kernels::particles::{Step, gather, prepare_step, propagate, propagate_drawn};
+use uwcoop_core::kernels::particles::{ParticleStep, gather, prepare_step, propagate, propagate_drawn};
 use uwcoop_core::kernels::pattern::{Pattern, pattern_depths};
 use uwcoop_core::kernels::weights::{moments, normalise, residual_resample};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::dmpf::Dmpf;
 use uwcoop_core::navigator::mpf::Mpf;
-use uwcoop_core::noise::{Purpose, Stream, Streams};
+use uwcoop_core::random::{Purpose, Stream, Streams};
 
 /// Steps before a navigator is timed: its window is full and its cloud has settled.
 const SETTLE: usize = 100;
@@ -92,7 +92,8 @@ fn particles(c: &mut Criterion) {
         let mut linear = normals(n, 4);
         let mut p = Matrix2::identity() * 0.09;
         let drift = drift();
-        let step: Step<2> = prepare_step(&mut p, [1.5, 0.0], 1.0, drift.position_walk(1.0), &drift.walk(1.0));
+        let step: ParticleStep<2> =
+            prepare_step(&mut p, [1.5, 0.0], 1.0, drift.position_walk(1.0), &drift.walk(1.0));
         let mut group = c.benchmark_group("propagate");
         group.throughput(elements.clone());
         group.bench_function(BenchmarkId::from_parameter(n), |b| {
@@ -103,7 +104,7 @@ fn particles(c: &mut Criterion) {
         let mut group = c.benchmark_group("propagate_drawn");
         group.throughput(elements.clone());
         group.bench_function(BenchmarkId::from_parameter(n), |b| {
-            b.iter(|| propagate_drawn(black_box(&step), &stream(2), &mut e, &mut n_, &mut linear));
+            b.iter(|| propagate_drawn(black_box(&step), stream(2).key(), &mut e, &mut n_, &mut linear));
         });
         group.finish();
 

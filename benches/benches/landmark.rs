@@ -9,7 +9,7 @@ use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload};
 use uwcoop_core::mixture::{Criterion as Choose, FitOptions};
 use uwcoop_core::navigator::Navigator;
-use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading, wrap};
+use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading, wrap};
 use uwcoop_core::navigator::landmark::{LandmarkPaper, PacketOptions, PaperOptions};
 use uwcoop_core::packet::landmark::{ExchangeFormat, ExchangeSize};
 
@@ -27,7 +27,7 @@ fn options(particles: usize, size: ExchangeSize) -> PaperOptions {
         sigma_velocity: [0.00084, 0.038],
         speed_bounds_mps: [0.05, 0.5],
         sigma_yaw_rate_radps: 0.0745 * DEGREE,
-        monitor: Some(MonitorRule { ratio: 0.6, trials: 2, reading: Reading::Log }),
+        monitor: Some(MonitorRule { ratio: 0.6, trials: 2, reading: RatioReading::Log }),
         replace_share: 0.5,
         first_landmark: [0.0; 3],
         packet: PacketOptions {

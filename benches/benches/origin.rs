@@ -9,7 +9,7 @@ use uwcoop_core::event::{Event, Payload};
 use uwcoop_core::information::Information;
 use uwcoop_core::information::replica::Methods;
 use uwcoop_core::navigator::Navigator;
-use uwcoop_core::navigator::origin::local::LocalOptions;
+use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::packet::graph::GraphForm;
 

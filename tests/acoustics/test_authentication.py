@@ -40,11 +40,11 @@ def test_the_tag_is_what_its_documentation_says() -> None:
     covered = packet + sender.to_bytes(2, "big") + tol_ns.to_bytes(8, "big", signed=True)
     tag = hmac.digest(derived, covered, hashlib.sha256)[:8]
     mine = _native.Authenticator(key, 8, 77)
-    assert mine.seal(packet, sender, tol_ns) == packet + tag
-    assert mine.open(packet + tag, sender, tol_ns) == packet
+    assert mine.append_tag(packet, sender, tol_ns) == packet + tag
+    assert mine.check_tag(packet + tag, sender, tol_ns) == packet
     assert mine.tag_bytes == 8
-    assert mine.open(packet + tag, sender + 1, tol_ns) is None
-    assert _native.Authenticator(key, 8, 78).open(packet + tag, sender, tol_ns) is None
+    assert mine.check_tag(packet + tag, sender + 1, tol_ns) is None
+    assert _native.Authenticator(key, 8, 78).check_tag(packet + tag, sender, tol_ns) is None
     assert "8" not in repr(key) or repr(key) not in repr(mine)
     for key_bytes, tag_bytes in ((15, 8), (65, 8), (32, 0), (32, 17)):
         with pytest.raises(NavigatorError, match=r"bytes in .* is outside"):
@@ -123,11 +123,11 @@ def test_forged_altered_and_replayed_packets_are_counted_and_change_nothing() ->
     authenticator = authenticator_of(log)
     assert authenticator is not None
     context = Context(0, 3, 1500.0, 0, None)
-    mine = build("mpf", context, options_of("mpf", log.scenario), None).sealed(0, 3, authenticator)
+    mine = build("mpf", context, options_of("mpf", log.scenario), None).authenticated(0, 3, authenticator)
     start = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 25.0, "cov_en_m2": 0.0, "cov_nn_m2": 25.0}
     mine.handle(_native.Event(0, 0, "fix", **start))
     other = build("mpf", replace(context, vehicle=1), options_of("mpf", log.scenario), None)
-    other = other.sealed(1, 3, authenticator)
+    other = other.authenticated(1, 3, authenticator)
     other.handle(_native.Event(0, 1, "fix", **start))
     packet = other.transmit(3_000_000_000, 64)
     assert packet is not None
@@ -219,8 +219,8 @@ def test_a_key_from_the_environment_or_a_file(tmp_path: Path, monkeypatch: pytes
     from_file = authenticator_of(simulate(load(scenario), 5))
     assert from_environment is not None
     assert from_file is not None
-    sealed = from_environment.seal(b"x", 1, 2)
-    assert from_file.open(sealed, 1, 2) == b"x"
+    tagged = from_environment.append_tag(b"x", 1, 2)
+    assert from_file.check_tag(tagged, 1, 2) == b"x"
     (tmp_path / "team.key").unlink()
     with pytest.raises(ScenarioError, match="cannot be read"):
         authenticator_of(simulate(load(scenario), 5))
@@ -237,7 +237,7 @@ def test_a_log_of_real_packets_needs_its_key() -> None:
 
 
 def talking(vehicle: int, name: str, tables: dict[str, Any], tag: _native.Authenticator) -> _native.Navigator:
-    """A native navigator of a team of two after ten ordinary seconds, sealed."""
+    """A native navigator of a team of two after ten ordinary seconds, its packets tagged."""
     context = Context(vehicle, 2, 1500.0, 0, None, (True, False) if name.startswith("deif") else (True, True))
     it = build(name, context, options_of(name, tables), None)
     it.handle(_native.Event(0, vehicle, "fix", **START))
@@ -245,7 +245,7 @@ def talking(vehicle: int, name: str, tables: dict[str, Any], tag: _native.Authen
         at = second * 1_000_000_000
         for kind, values in SENSED.items():
             it.handle(_native.Event(at, vehicle, kind, **values))
-    return it.sealed(vehicle, 2, tag)
+    return it.authenticated(vehicle, 2, tag)
 
 
 START = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 25.0, "cov_en_m2": 0.0, "cov_nn_m2": 25.0}

@@ -11,6 +11,7 @@ import xarray as xr
 
 from uwcoop.experiment.run import RunResult, run
 from uwcoop.report import run_folder as output
+from uwcoop.report.atomic_files import atomic_write
 from uwcoop.scenario import load, parse
 
 
@@ -20,7 +21,7 @@ def result() -> RunResult:
 
 
 def _interrupted(target: Path) -> None:
-    with output.whole(target) as partial:
+    with atomic_write(target) as partial:
         partial.write_text("half")
         assert partial.suffix == ".txt"
         raise KeyboardInterrupt
@@ -33,7 +34,7 @@ def test_a_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
         _interrupted(target)
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
     assert target.read_text() == "old"
-    with output.whole(target) as partial:
+    with atomic_write(target) as partial:
         partial.write_text("new")
     assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
     assert target.read_text() == "new"

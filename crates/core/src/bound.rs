@@ -24,7 +24,7 @@ use recursion::Recursion;
 use crate::chart::Chart;
 use crate::error::{Error, finite, non_negative, positive};
 use crate::event::{VehicleId, check_covariance};
-use crate::navigator::common::Drift;
+use crate::navigator::drift::Drift;
 
 /// What the team knows of its world: the model of `mpf`, whose options these are.
 #[derive(Debug, Clone, Copy, PartialEq)]

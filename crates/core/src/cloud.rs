@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::kernels::likelihood::{RangeBelief, add_range_misfit, misfit_to_log_likelihood};
 use crate::kernels::particles::{
-    Step, cholesky_2x2, gather, liu_west, liu_west_bandwidth, propagate_drawn, roughen_drawn,
+    ParticleStep, cholesky_2x2, gather, liu_west, liu_west_bandwidth, propagate_drawn, roughen_drawn,
 };
 use crate::kernels::weights::{self, moments, weighted_means};
-use crate::noise::Stream;
+use crate::random::Stream;
 
 /// N particles: position, K linear states with a mean each, a datum offset with its own variance each.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -119,8 +119,8 @@ impl<const K: usize> Cloud<K> {
     }
 
     /// Propagates every particle by `step` (5)–(8) with the normals of `stream`.
-    pub fn propagate(&mut self, step: &Step<K>, stream: &Stream) {
-        propagate_drawn(step, stream, &mut self.east, &mut self.north, &mut self.linear);
+    pub fn propagate(&mut self, step: &ParticleStep<K>, stream: &Stream) {
+        propagate_drawn(step, stream.key(), &mut self.east, &mut self.north, &mut self.linear);
     }
 
     /// A column of zeros for log-likelihoods, to be handed to [`Cloud::reweight`].
@@ -237,7 +237,7 @@ impl<const K: usize> Cloud<K> {
     /// The paper's roughening of the particles that the last [`Cloud::resample`] copied more than once.
     pub fn roughen(&mut self, variance_m2: f64, stream: &Stream) {
         self.scratch.fit(self.east.len());
-        roughen_drawn(&mut self.east, &mut self.north, &self.scratch.ancestors, variance_m2, stream);
+        roughen_drawn(&mut self.east, &mut self.north, &self.scratch.ancestors, variance_m2, stream.key());
     }
 
     /// Liu–West on the joint [east, north, offset, linear…] of an equally weighted cloud.

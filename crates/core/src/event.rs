@@ -9,6 +9,12 @@ use crate::error::{Error, finite, non_negative, positive};
 /// Index of a vehicle in its mission.
 pub type VehicleId = u16;
 
+/// Nanoseconds to seconds.
+#[must_use]
+pub fn seconds(ns: i64) -> f64 {
+    ns as f64 * 1e-9
+}
+
 /// One thing that happened to one vehicle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Event {

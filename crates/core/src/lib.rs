@@ -17,6 +17,6 @@ pub mod kernels;
 pub mod link;
 pub mod mixture;
 pub mod navigator;
-pub mod noise;
 pub mod packet;
+pub mod random;
 pub mod replay;

@@ -8,9 +8,9 @@ use std::sync::{Arc, Mutex};
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Class, Event, Payload, VehicleId};
 use uwcoop_core::link::{LinkConfig, Slot};
-use uwcoop_core::navigator::{Estimate, Navigator, Outcome, Status, TeamEstimator};
-use uwcoop_core::noise::{Purpose, Streams};
-use uwcoop_core::replay::{Mission, Opportunity, Replay, Team, Tracks};
+use uwcoop_core::navigator::{CentralEstimator, Estimate, Navigator, Outcome, Status};
+use uwcoop_core::random::{Purpose, Streams};
+use uwcoop_core::replay::{Estimators, Mission, Opportunity, Replay, Tracks};
 use world::*;
 
 /// What a fake saw: (time, vehicle, what).
@@ -76,12 +76,12 @@ impl Navigator for Fake {
 }
 
 /// A team of fakes; `packet_bytes` and `oracle` for each vehicle.
-fn fakes(seen: &Seen, packet_bytes: &[usize], oracle: &[bool]) -> Team {
+fn fakes(seen: &Seen, packet_bytes: &[usize], oracle: &[bool]) -> Estimators {
     let fake = |(vehicle, (&packet_bytes, &oracle))| {
         let fake = Fake { vehicle: vehicle as VehicleId, seen: seen.clone(), packet_bytes, oracle };
         Box::new(fake) as Box<dyn Navigator>
     };
-    Team::Each(packet_bytes.iter().zip(oracle).enumerate().map(fake).collect())
+    Estimators::Each(packet_bytes.iter().zip(oracle).enumerate().map(fake).collect())
 }
 
 /// Frames of 32 bytes, up to 4 of them, half a second each after 0.1 s of preamble.
@@ -97,7 +97,7 @@ fn opportunity(tol_ns: i64, sender: VehicleId, receiver: VehicleId, toa_ns: i64)
     Opportunity { tol_ns, sender, receiver, toa_ns, survive_probability: 1.0, draws: vec![0.5; 4] }
 }
 
-fn run(mission: Mission, team: Team) -> Result<Tracks, Error> {
+fn run(mission: Mission, team: Estimators) -> Result<Tracks, Error> {
     let end_ns = mission.end_ns();
     let mut replay = Replay::new(Arc::new(mission), team, Arc::from([0, end_ns]), 0)?;
     replay.run()?;
@@ -315,7 +315,7 @@ struct Central {
     seen: Seen,
 }
 
-impl TeamEstimator for Central {
+impl CentralEstimator for Central {
     fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error> {
         assert_eq!(vehicle, event.vehicle);
         self.seen.lock().unwrap().push((event.t_ns, vehicle, name(&event.payload)));
@@ -353,7 +353,7 @@ fn a_team_estimator_is_fed_everybody_and_sends_nothing() {
     short.draws.truncate(1);
     let opportunities = vec![opportunity(2 * SECOND, 1, 0, 3 * SECOND), short];
     let mission = Mission::new(3, link(), events, slots, opportunities, 9 * SECOND).unwrap();
-    let tracks = run(mission, Team::Central(Box::new(Central { seen: seen.clone() }))).unwrap();
+    let tracks = run(mission, Estimators::Central(Box::new(Central { seen: seen.clone() }))).unwrap();
     let seen = seen.lock().unwrap();
     // Its ranges ride on an assumed packet of two frames: that decides loss and air time, and no bytes travel.
     let decoded = 3 * SECOND + 1_100_000_000;
@@ -404,7 +404,7 @@ fn real_mission() -> Mission {
     Mission::new(3, link(), events, slots, opportunities, 60 * SECOND).unwrap()
 }
 
-fn real_team(kind: &str) -> Team {
+fn real_team(kind: &str) -> Estimators {
     let chart = rich();
     let member = |own| -> Box<dyn Navigator> {
         match kind {
@@ -413,7 +413,7 @@ fn real_team(kind: &str) -> Team {
             _ => Box::new(mpf::<4>(own, 3, mpf_options(60), &chart, 11)),
         }
     };
-    Team::Each((0..3).map(member).collect())
+    Estimators::Each((0..3).map(member).collect())
 }
 
 #[test]

@@ -4,7 +4,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use uwcoop_core::link::Authenticator as CoreAuthenticator;
 use uwcoop_core::packet::Rounding;
-use uwcoop_core::packet::layout::{FieldUse, Step};
+use uwcoop_core::packet::layout::{FieldStep, FieldUse};
 
 use crate::errors::navigator;
 
@@ -30,19 +30,25 @@ impl Authenticator {
     }
 
     /// The packet with its tag, for the slot of `sender` at `tol_ns`.
-    fn seal<'py>(&self, py: Python<'py>, packet: &[u8], sender: u16, tol_ns: i64) -> Bound<'py, PyBytes> {
-        PyBytes::new(py, &self.inner.seal(packet, sender, tol_ns))
-    }
-
-    /// The packet without its tag; None if no holder of the key sealed it for this sender, launch time and mission.
-    fn open<'py>(
+    fn append_tag<'py>(
         &self,
         py: Python<'py>,
-        sealed: &[u8],
+        packet: &[u8],
+        sender: u16,
+        tol_ns: i64,
+    ) -> Bound<'py, PyBytes> {
+        PyBytes::new(py, &self.inner.append_tag(packet, sender, tol_ns))
+    }
+
+    /// The packet without its tag; None if no holder of the key tagged it for this sender, launch time and mission.
+    fn check_tag<'py>(
+        &self,
+        py: Python<'py>,
+        tagged: &[u8],
         sender: u16,
         tol_ns: i64,
     ) -> Option<Bound<'py, PyBytes>> {
-        self.inner.open(sealed, sender, tol_ns).ok().map(|packet| PyBytes::new(py, packet))
+        self.inner.check_tag(tagged, sender, tol_ns).ok().map(|packet| PyBytes::new(py, packet))
     }
 }
 
@@ -55,9 +61,9 @@ pub type Field = (&'static str, u32, usize, Option<Scale>);
 pub fn described(field: &FieldUse) -> Field {
     let scale = field.scale.as_ref().map(|scale| {
         let (kind, step) = match scale.step {
-            Step::Linear(step) => ("linear", step),
-            Step::Factor(step) => ("factor", step),
-            Step::Atanh(step) => ("atanh", step),
+            FieldStep::Linear(step) => ("linear", step),
+            FieldStep::Factor(step) => ("factor", step),
+            FieldStep::Atanh(step) => ("atanh", step),
         };
         let rounding = match scale.rounding {
             Rounding::Nearest => "nearest",

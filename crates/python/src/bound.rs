@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use uwcoop_core::bound::{self as core, BoundModel, Observation, TrueTracks};
 use uwcoop_core::event::Payload;
-use uwcoop_core::navigator::common::Drift;
+use uwcoop_core::navigator::drift::Drift;
 
 use crate::chart::Chart;
 use crate::errors::{argument, navigator};

@@ -55,7 +55,7 @@ impl Chart {
         py: Python<'py>,
         points_m: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        let points = crate::kernels::columns(&points_m, "points_m")?;
+        let points = crate::arrays::columns(&points_m, "points_m")?;
         let depths: Vec<f64> = points[0]
             .iter()
             .zip(&points[1])

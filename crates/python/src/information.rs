@@ -8,9 +8,10 @@ use numpy::{
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use uwcoop_core::error::Error;
-use uwcoop_core::information::replica::{GraphPacket, Method, Methods, Replica, Tie};
+use uwcoop_core::information::graph_packet::{GraphPacket, OriginCorrelation};
+use uwcoop_core::information::replica::{Method, Methods, Replica};
 use uwcoop_core::information::{
-    Chain, Gaussian, Information, Node, NodeMatrix, NodeVector, Step, dense, process, reconstruct,
+    Chain, Gaussian, GraphStep, Information, Node, NodeMatrix, NodeVector, dense, process, reconstruct,
 };
 
 use crate::errors::{argument, raise};
@@ -209,7 +210,7 @@ fn pose_graph<'py>(
     let mut now_s = 0.0;
     let mut state =
         Gaussian { mean: column("mean0", &mean0)?, covariance: square("covariance0", &covariance0)? };
-    let mut since: Step = Step::identity();
+    let mut since: GraphStep = GraphStep::identity();
     let mut chain = Chain::new();
     let observe = SMatrix::<f64, 2, 4>::identity();
     let noise = Matrix2::identity() * (sigma_m * sigma_m);
@@ -232,7 +233,7 @@ fn pose_graph<'py>(
             next += 1;
         }
         chain.push(since, Node { id: id as u64, tol_ns: id as i64, filtered: state });
-        since = Step::identity();
+        since = GraphStep::identity();
     }
     graph_dict(py, &chain, &origins)
 }
@@ -306,13 +307,13 @@ fn reconstruct_graph<'py>(
                 matrix: NodeMatrix::from_fn(|r, c| all[[at, r, c]]),
                 vector: NodeVector::from_fn(|r, _| told[[at, r]]),
             };
-            (own.gaussian().map_err(failed)?, Tie::Begin)
+            (own.gaussian().map_err(failed)?, OriginCorrelation::Begin)
         } else {
             let joint = Information::<8> {
                 matrix: SMatrix::from_fn(|r, c| all[[at, r, c]]),
                 vector: SVector::from_fn(|r, _| told[[at, r]]),
             };
-            (reconstruct::filtered(&joint).map_err(failed)?.0, Tie::Joint(joint))
+            (reconstruct::filtered(&joint).map_err(failed)?.0, OriginCorrelation::Joint(joint))
         };
         let node = Node { id: *id, tol_ns: *id as i64, filtered: node };
         let packet = GraphPacket { node, origin: *origin, tie, lags: Vec::new() };

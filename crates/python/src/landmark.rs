@@ -4,10 +4,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
-use uwcoop_core::navigator::landmark::jump::JumpRule;
-use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading};
+use uwcoop_core::navigator::landmark::jump_hypotheses::JumpRule;
+use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading};
 use uwcoop_core::navigator::landmark::{
-    Averaged, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
+    BiasModelAverage, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
 };
 use uwcoop_core::packet::landmark::{ExchangeFormat, ExchangeSize};
 
@@ -50,10 +50,10 @@ pub fn gate(word: &str, share: f64, widths: [f64; 3]) -> PyResult<Gate> {
 }
 
 /// `linear` or `log`.
-pub fn reading(word: &str) -> PyResult<Reading> {
+pub fn reading(word: &str) -> PyResult<RatioReading> {
     match word {
-        "linear" => Ok(Reading::Linear),
-        "log" => Ok(Reading::Log),
+        "linear" => Ok(RatioReading::Linear),
+        "log" => Ok(RatioReading::Log),
         other => Err(argument(format!("monitor_reading is {other:?}, not linear or log"))),
     }
 }
@@ -154,7 +154,7 @@ fn landmark_navigator(
     };
     let bias_share = o.number("bias_share")?;
     if bias && bias_share < 1.0 {
-        let made = Averaged::new(vehicle, vehicles, options, seed, bias_share);
+        let made = BiasModelAverage::new(vehicle, vehicles, options, seed, bias_share);
         return made.map(Navigator::of).map_err(navigator);
     }
     Landmark::new(vehicle, vehicles, options, seed).map(Navigator::of).map_err(navigator)

@@ -1,47 +1,13 @@
-//! `uwcoop.kernels` of the alternating landmark method and of mixtures: pure functions of their draws.
+//! `uwcoop.kernels` of the alternating landmark method: pure functions of their draws.
 
-use nalgebra::{SMatrix, SVector};
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
-    PyReadonlyArray3, PyUntypedArrayMethods,
-};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
 use uwcoop_core::kernels::landmark::{OdometryStep, predict, systematic_resample as systematic};
-use uwcoop_core::mixture::{FitOptions, Fitted, Mode, fit_best, fit_from, select};
 use uwcoop_core::navigator::landmark::model::{self, Acoustics, Measurement, Monitor, MonitorRule, Pose};
-use uwcoop_core::navigator::landmark::paper_cloud::expand;
-use uwcoop_core::noise::{Purpose, Streams};
-use uwcoop_core::packet::landmark::ExchangePacket;
 
+use crate::arrays::{Column, Matrix, flat, rows, same};
 use crate::errors::{argument, navigator};
-use crate::landmark::{criterion, exchange_format, exchange_size, gate, reading};
-
-type Rows<'py> = PyReadonlyArray2<'py, f64>;
-type Column<'py> = PyReadonlyArray1<'py, f64>;
-
-/// Rows of exactly `D` numbers.
-fn rows<const D: usize>(values: &Rows<'_>, name: &str) -> PyResult<Vec<[f64; D]>> {
-    if values.shape()[1] != D {
-        return Err(argument(format!("{name} has shape {:?}, not (N, {D})", values.shape())));
-    }
-    Ok(values.as_array().rows().into_iter().map(|r| std::array::from_fn(|k| r[k])).collect())
-}
-
-fn same(name: &str, found: usize, expected: usize) -> PyResult<()> {
-    if found != expected {
-        return Err(argument(format!("{name} has {found} entries where {expected} are expected")));
-    }
-    Ok(())
-}
-
-fn flat<'py, const D: usize>(
-    py: Python<'py>,
-    values: impl ExactSizeIterator<Item = [f64; D]>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let n = values.len();
-    values.flatten().collect::<Vec<f64>>().into_pyarray(py).reshape([n, D])
-}
+use crate::landmark::{gate, reading};
 
 fn measurement(values: [f64; 3]) -> Measurement {
     let some = |v: f64| (!v.is_nan()).then_some(v);
@@ -61,13 +27,13 @@ fn landmark(row: &[f64; 6]) -> Pose {
 #[allow(clippy::too_many_arguments)]
 fn landmark_predict<'py>(
     py: Python<'py>,
-    particles: Rows<'py>,
+    particles: Matrix<'py>,
     velocity_mps: [f64; 2],
     yaw_rate_radps: f64,
     dt_s: f64,
     sigma_mps: f64,
     sigma_radps: f64,
-    normals: Rows<'py>,
+    normals: Matrix<'py>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let (mut p, z) = (rows::<6>(&particles, "particles")?, rows::<3>(&normals, "normals")?);
     same("normals", z.len(), p.len())?;
@@ -86,8 +52,8 @@ fn landmark_predict<'py>(
 #[pyfunction]
 fn landmark_offsets<'py>(
     py: Python<'py>,
-    particles: Rows<'py>,
-    at_transmit: Rows<'py>,
+    particles: Matrix<'py>,
+    at_transmit: Matrix<'py>,
     measured: [f64; 3],
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let (p, t) = (rows::<6>(&particles, "particles")?, rows::<3>(&at_transmit, "at_transmit")?);
@@ -107,7 +73,7 @@ type Likelihoods<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, f
 #[pyo3(signature = (offsets, sigma, threshold, gate_name, outlier_share = 0.05, widths = [60.0, std::f64::consts::TAU, std::f64::consts::TAU]))]
 fn landmark_log_likelihood<'py>(
     py: Python<'py>,
-    offsets: Rows<'py>,
+    offsets: Matrix<'py>,
     sigma: [f64; 3],
     threshold: [f64; 3],
     gate_name: &str,
@@ -185,13 +151,13 @@ type Observed<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<i64>>, Boun
 #[allow(clippy::too_many_arguments)]
 fn landmark_reconstruct<'py>(
     py: Python<'py>,
-    particles: Rows<'py>,
-    at_transmit: Rows<'py>,
+    particles: Matrix<'py>,
+    at_transmit: Matrix<'py>,
     log_likelihood: Column<'py>,
     measured: [f64; 3],
     sigma: [f64; 3],
     new: usize,
-    normals: Rows<'py>,
+    normals: Matrix<'py>,
     u0: f64,
 ) -> PyResult<Observed<'py>> {
     let (p, t) = (rows::<6>(&particles, "particles")?, rows::<3>(&at_transmit, "at_transmit")?);
@@ -218,187 +184,20 @@ fn landmark_reconstruct<'py>(
 
 /// Polar form [x_L, y_L, yaw_L, distance, bearing of M, relative yaw] of (N, 6) particles.
 #[pyfunction]
-fn landmark_polar<'py>(py: Python<'py>, particles: Rows<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+fn landmark_polar<'py>(py: Python<'py>, particles: Matrix<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let p = rows::<6>(&particles, "particles")?;
     flat(py, p.iter().map(|r| model::to_polar(mover(r), landmark(r))))
 }
 
 /// Particles (N, 6) of a polar form.
 #[pyfunction]
-fn landmark_from_polar<'py>(py: Python<'py>, polar: Rows<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+fn landmark_from_polar<'py>(py: Python<'py>, polar: Matrix<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let p = rows::<6>(&polar, "polar")?;
     flat(py, p.iter().map(|u| joined(model::from_polar(*u))))
 }
 
 fn joined((m, l): (Pose, Pose)) -> [f64; 6] {
     [m[0], m[1], m[2], l[0], l[1], l[2]]
-}
-
-fn fitted_dict<'py, const D: usize>(py: Python<'py>, fitted: &Fitted<D>) -> PyResult<Bound<'py, PyDict>> {
-    let out = modes_dict(py, &fitted.modes)?;
-    out.set_item("log_likelihood", fitted.log_likelihood)?;
-    out.set_item("bic", fitted.bic)?;
-    out.set_item("aic", fitted.aic)?;
-    out.set_item("points", fitted.points)?;
-    out.set_item("converged", fitted.converged)?;
-    Ok(out)
-}
-
-fn modes_dict<'py, const D: usize>(py: Python<'py>, modes: &[Mode<D>]) -> PyResult<Bound<'py, PyDict>> {
-    let out = PyDict::new(py);
-    let k = modes.len();
-    out.set_item("weights", modes.iter().map(|m| m.weight).collect::<Vec<_>>().into_pyarray(py))?;
-    let means: Vec<f64> = modes.iter().flat_map(|m| m.mean.iter().copied().collect::<Vec<_>>()).collect();
-    out.set_item("means", means.into_pyarray(py).reshape([k, D])?)?;
-    let all: Vec<f64> =
-        modes.iter().flat_map(|m| m.covariance.transpose().iter().copied().collect::<Vec<_>>()).collect();
-    let covariances: Bound<'py, PyArray3<f64>> = all.into_pyarray(py).reshape([k, D, D])?;
-    out.set_item("covariances", covariances)?;
-    Ok(out)
-}
-
-#[allow(clippy::too_many_arguments)]
-fn fit_of<'py, const D: usize>(
-    py: Python<'py>,
-    weights: &[f64],
-    points: &Rows<'py>,
-    circular: &[bool],
-    modes: usize,
-    choose_by: Option<&str>,
-    options: &FitOptions,
-    seed: u64,
-    first: Option<&First<'py>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let x: Vec<SVector<f64, D>> = rows::<D>(points, "points")?.into_iter().map(SVector::from).collect();
-    same("weights", weights.len(), x.len())?;
-    same("circular", circular.len(), D)?;
-    let wraps: [bool; D] = std::array::from_fn(|k| circular[k]);
-    let stream = Streams::new(seed, 0).at(Purpose::Belief, 0);
-    let first = match first {
-        Some((w, means, covariances)) => Some(modes_of::<D>(w, means, covariances)?),
-        None => None,
-    };
-    let fitted = match (choose_by, first) {
-        (_, Some(modes)) => fit_from(&x, weights, wraps, &modes, options),
-        (None, None) => fit_best(&x, weights, wraps, modes, options, &stream),
-        (Some(word), None) => select(&x, weights, wraps, modes, criterion(word)?, options, x.len(), &stream),
-    };
-    let fitted =
-        fitted.ok_or_else(|| argument(format!("{modes} modes on {} points: no mixture", x.len())))?;
-    fitted_dict(py, &fitted)
-}
-
-/// A Gaussian mixture of weighted (N, D) points, D = 2, 3 or 6, by EM with k-means++ starts; `circular` says which
-/// coordinates are angles. With `choose_by` = bic or aic, `modes` is the most, counted on distinct points; with
-/// `first` = (weights, means, covariances) EM climbs from those modes and nowhere else.
-#[pyfunction]
-#[pyo3(signature = (weights, points, circular, modes, *, choose_by = None, starts = 3, iterations = 200, tolerance = 1e-9, ridge_one = 1e-9, ridge_many = 1e-3, seed = 0, first = None))]
-#[allow(clippy::too_many_arguments)]
-fn fit_gaussian_mixture<'py>(
-    py: Python<'py>,
-    weights: Column<'py>,
-    points: Rows<'py>,
-    circular: Vec<bool>,
-    modes: usize,
-    choose_by: Option<&str>,
-    starts: usize,
-    iterations: usize,
-    tolerance: f64,
-    ridge_one: f64,
-    ridge_many: f64,
-    seed: u64,
-    first: Option<First<'py>>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let w = weights.as_array().to_vec();
-    let options = FitOptions { starts, iterations, tolerance, ridge_one, ridge_many };
-    let first = first.as_ref();
-    match points.shape()[1] {
-        2 => fit_of::<2>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
-        3 => fit_of::<3>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
-        6 => fit_of::<6>(py, &w, &points, &circular, modes, choose_by, &options, seed, first),
-        d => Err(argument(format!("points has {d} columns, not 2, 3 or 6"))),
-    }
-}
-
-/// Weights, means, covariances.
-type First<'py> = (Column<'py>, Rows<'py>, PyReadonlyArray3<'py, f64>);
-
-fn modes_of<const D: usize>(
-    weights: &Column<'_>,
-    means: &Rows<'_>,
-    covariances: &PyReadonlyArray3<'_, f64>,
-) -> PyResult<Vec<Mode<D>>> {
-    let (w, mu) = (weights.as_array().to_vec(), rows::<D>(means, "means")?);
-    same("means", mu.len(), w.len())?;
-    if covariances.shape() != [w.len(), D, D] {
-        return Err(argument(format!("covariances has shape {:?}, not (K, {D}, {D})", covariances.shape())));
-    }
-    let s = covariances.as_array();
-    Ok((0..w.len())
-        .map(|k| Mode {
-            weight: w[k],
-            mean: SVector::from(mu[k]),
-            covariance: SMatrix::from_fn(|r, c| s[[k, r, c]]),
-        })
-        .collect())
-}
-
-/// Particles (N, 6) of a mixture in polar form with (N, 6) normals; the particles of a mode stand together.
-#[pyfunction]
-fn expand_exchange<'py>(
-    py: Python<'py>,
-    weights: Column<'py>,
-    means: Rows<'py>,
-    covariances: PyReadonlyArray3<'py, f64>,
-    normals: Rows<'py>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let modes = modes_of(&weights, &means, &covariances)?;
-    let z: Vec<SVector<f64, 6>> = rows::<6>(&normals, "normals")?.into_iter().map(SVector::from).collect();
-    let (m, l) = expand(&modes, &z);
-    flat(py, (0..z.len()).map(|i| [m[0][i], m[1][i], m[2][i], l[0][i], l[1][i], l[2][i]]))
-}
-
-/// An exchange packet of 8, 16, 32, 40, 64 or 128 bytes from a mixture in polar form.
-#[pyfunction]
-#[pyo3(signature = (weights, means, covariances, *, packet_bytes, packet_format, sequence, sender, tol_ns))]
-#[allow(clippy::too_many_arguments)]
-fn encode_exchange<'py>(
-    py: Python<'py>,
-    weights: Column<'py>,
-    means: Rows<'py>,
-    covariances: PyReadonlyArray3<'py, f64>,
-    packet_bytes: usize,
-    packet_format: usize,
-    sequence: u8,
-    sender: u16,
-    tol_ns: i64,
-) -> PyResult<Bound<'py, PyBytes>> {
-    let mut modes = modes_of(&weights, &means, &covariances)?;
-    modes.sort_by(|a, b| b.weight.total_cmp(&a.weight));
-    let packet = ExchangePacket { sequence: Some(sequence), modes };
-    let bytes = packet
-        .encode(exchange_format(packet_format)?, exchange_size(packet_bytes)?, sender, tol_ns)
-        .map_err(|e| navigator(e.into()))?;
-    Ok(PyBytes::new(py, &bytes))
-}
-
-/// What an exchange packet says: weights, means, covariances, sequence (None in 8 bytes). `landmark_m` is where the
-/// receiver takes the landmark to be.
-#[pyfunction]
-#[pyo3(signature = (packet, *, packet_format, landmark_m, sender, tol_ns))]
-fn decode_exchange<'py>(
-    py: Python<'py>,
-    packet: &[u8],
-    packet_format: usize,
-    landmark_m: [f64; 2],
-    sender: u16,
-    tol_ns: i64,
-) -> PyResult<Bound<'py, PyDict>> {
-    let got = ExchangePacket::decode(packet, exchange_format(packet_format)?, landmark_m, sender, tol_ns)
-        .map_err(|e| navigator(e.into()))?;
-    let out = modes_dict(py, &got.modes)?;
-    out.set_item("sequence", got.sequence)?;
-    Ok(out)
 }
 
 /// Adds the kernels to the module.
@@ -411,9 +210,5 @@ pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(landmark_new_particles, module)?)?;
     module.add_function(wrap_pyfunction!(landmark_reconstruct, module)?)?;
     module.add_function(wrap_pyfunction!(landmark_polar, module)?)?;
-    module.add_function(wrap_pyfunction!(landmark_from_polar, module)?)?;
-    module.add_function(wrap_pyfunction!(fit_gaussian_mixture, module)?)?;
-    module.add_function(wrap_pyfunction!(expand_exchange, module)?)?;
-    module.add_function(wrap_pyfunction!(encode_exchange, module)?)?;
-    module.add_function(wrap_pyfunction!(decode_exchange, module)?)
+    module.add_function(wrap_pyfunction!(landmark_from_polar, module)?)
 }

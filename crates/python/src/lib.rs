@@ -2,23 +2,28 @@
 
 use pyo3::prelude::*;
 
+mod arrays;
 mod authentication;
+mod belief_packet;
 mod bound;
+mod central_estimator;
 mod chart;
 mod errors;
 mod event;
+mod exchange_packet;
 mod information;
-mod kernels;
 mod landmark;
 mod landmark_kernels;
 mod mission;
+mod mixture_kernels;
 mod navigators;
 mod origin;
 mod origin_references;
+mod particle_kernels;
 mod python_navigator;
 mod replay;
 mod team;
-mod team_estimator;
+mod terrain_kernels;
 
 /// The compiled core of uwcoop.
 #[pymodule]
@@ -31,7 +36,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<navigators::Navigator>()?;
     module.add_class::<mission::Mission>()?;
     module.add_class::<replay::Replay>()?;
-    module.add_class::<team_estimator::TeamEstimator>()?;
+    module.add_class::<central_estimator::CentralEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
     information::register(module)?;
     origin::register(module)?;
@@ -40,6 +45,10 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
     landmark::register(module)?;
     landmark_kernels::register(module)?;
+    mixture_kernels::register(module)?;
+    exchange_packet::register(module)?;
+    belief_packet::register(module)?;
+    terrain_kernels::register(module)?;
     team::register(module)?;
-    kernels::register(module)
+    particle_kernels::register(module)
 }

@@ -176,6 +176,6 @@ impl Mission {
     /// Air time of a packet of so many bytes, s.
     fn air_time_s(&self, bytes: usize) -> PyResult<f64> {
         let ns = self.inner.link().air_time_ns(bytes).map_err(|e| log(e.into()))?;
-        Ok(uwcoop_core::navigator::common::seconds(ns))
+        Ok(uwcoop_core::event::seconds(ns))
     }
 }

@@ -5,12 +5,13 @@ use std::sync::Mutex;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use uwcoop_core::navigator::common::Drift;
+use uwcoop_core::navigator::authenticated::Authenticated;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
-use uwcoop_core::navigator::mpf::{MonitorOptions, Mpf, MpfOptions};
+use uwcoop_core::navigator::drift::Drift;
+use uwcoop_core::navigator::mpf::{Mpf, MpfOptions};
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
-use uwcoop_core::navigator::sealed::Sealed;
+use uwcoop_core::navigator::terrain_core::{MonitorOptions, TerrainOptions};
 use uwcoop_core::navigator::{Estimate as CoreEstimate, Navigator as CoreNavigator, Outcome, Status};
 use uwcoop_core::packet::PacketKind;
 use uwcoop_core::packet::layout::record;
@@ -209,18 +210,17 @@ impl Options<'_, '_> {
     }
 
     fn mpf(&self) -> PyResult<MpfOptions> {
-        let core = self.mpf_core(None)?;
         Ok(MpfOptions {
+            terrain: self.terrain(None)?,
             range: self.range()?,
-            range_news: self.flag("range_news")?,
+            range_novelty: self.flag("range_novelty")?,
             packet: self.packet()?,
-            ..core
         })
     }
 
-    /// `mpf` without what it sends and hears; a drift of its own wins over the options'.
-    pub(crate) fn mpf_core(&self, drift: Option<Drift>) -> PyResult<MpfOptions> {
-        Ok(MpfOptions {
+    /// The terrain core; a drift of its own wins over the options'.
+    pub(crate) fn terrain(&self, drift: Option<Drift>) -> PyResult<TerrainOptions> {
+        Ok(TerrainOptions {
             particles: self.count("particles")?,
             resample_share: self.number("resample_share")?,
             sigma_depth_m: self.maybe("sigma_depth_m")?,
@@ -232,9 +232,6 @@ impl Options<'_, '_> {
             sounding_spacing_m: self.number("sounding_spacing_m")?,
             least_ess_share: self.number("least_ess_share")?,
             monitor: self.monitor()?,
-            range: None,
-            range_news: false,
-            packet: PacketKind::Belief,
             drift: drift.map_or_else(|| self.drift(), Ok)?,
         })
     }
@@ -319,10 +316,10 @@ impl Navigator {
         Ok(packet.map(|bytes| PyBytes::new(py, &bytes)))
     }
 
-    /// The same navigator as `vehicle` of a team of `vehicles` that seals its packets with tags; this one is empty then.
-    fn sealed(&self, vehicle: u16, vehicles: usize, authenticator: &Authenticator) -> PyResult<Self> {
+    /// The same navigator as `vehicle` of a team of `vehicles` that tags its packets; this one is empty then.
+    fn authenticated(&self, vehicle: u16, vehicles: usize, authenticator: &Authenticator) -> PyResult<Self> {
         let inner = authenticator.inner.clone();
-        Ok(Self::of(Sealed::new(self.take()?, vehicle, vehicles, inner)))
+        Ok(Self::of(Authenticated::new(self.take()?, vehicle, vehicles, inner)))
     }
 
     /// As `transmit`, with the fields that were written: (name, bits of one, how many, scale), the scale being None or

@@ -3,13 +3,14 @@
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use uwcoop_core::information::replica::{Methods, Tie};
+use uwcoop_core::information::graph_packet::OriginCorrelation;
+use uwcoop_core::information::replica::Methods;
 use uwcoop_core::information::{Gaussian, Node, NodeVector};
 use uwcoop_core::navigator::origin::deif::{Deif, Repair};
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::packet::PacketError;
+use uwcoop_core::packet::graph::rounded::{UnroundedPacket, node_bits, rounded};
 use uwcoop_core::packet::graph::{GraphForm, GraphLink, GraphMessage};
-use uwcoop_core::packet::graph_rounded::{Told, node_bits, rounded};
 
 use crate::errors::{argument, navigator, raise};
 use crate::information::{column, column_out, square, square_out};
@@ -105,7 +106,7 @@ fn encode_graph<'py>(
     };
     let node = Node { id: u64::from(sequence), tol_ns, filtered };
     let form = form(packet)?;
-    let graph = rounded(&Told { node, origin, lags: Vec::new() }, form).map_err(packet_failed)?;
+    let graph = rounded(&UnroundedPacket { node, origin, lags: Vec::new() }, form).map_err(packet_failed)?;
     let message = GraphMessage { sequence, depth_m, bitmaps: Vec::new(), graph: Some(graph) };
     let link = GraphLink { form, sender, tol_ns, bitmaps: 0 };
     Ok(PyBytes::new(py, &message.encode(&link).map_err(packet_failed)?))
@@ -135,13 +136,13 @@ fn decode_graph<'py>(
     dict.set_item("mean", column_out(py, &filtered.mean))?;
     dict.set_item("root", square_out(py, &root)?)?;
     match graph.tie {
-        Tie::Correlation(scaled) => {
+        OriginCorrelation::Correlation(scaled) => {
             let back = root.try_inverse().ok_or_else(singular)?;
             dict.set_item("correlation", square_out(py, &(back * scaled))?)?;
         }
-        Tie::Begin | Tie::Joint(_) => dict.set_item("correlation", py.None())?,
+        OriginCorrelation::Begin | OriginCorrelation::Joint(_) => dict.set_item("correlation", py.None())?,
     }
-    dict.set_item("bits", node_bits(link.form, matches!(graph.tie, Tie::Begin)))?;
+    dict.set_item("bits", node_bits(link.form, matches!(graph.tie, OriginCorrelation::Begin)))?;
     Ok(dict)
 }
 

@@ -5,12 +5,12 @@ use pyo3::types::PyDict;
 use uwcoop_core::navigator::origin::belief::{BeliefNavigator, BeliefOptions, Correlation};
 use uwcoop_core::navigator::origin::central::{Cekf, CentralOptions, Received};
 use uwcoop_core::navigator::origin::interleaved::{Interleaved, InterleavedOptions};
-use uwcoop_core::navigator::origin::local::LocalOptions;
+use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::packet::PacketKind;
 
+use crate::central_estimator::CentralEstimator;
 use crate::errors::{argument, navigator};
 use crate::navigators::{Navigator, Options};
-use crate::team_estimator::TeamEstimator;
 
 /// The model of own motion and sensors that the whole family shares.
 pub(crate) fn local(options: &Options<'_, '_>) -> PyResult<LocalOptions> {
@@ -29,7 +29,7 @@ pub fn cekf(
     options: &Bound<'_, PyDict>,
     ranging: Vec<bool>,
     sound_speed_mps: f64,
-) -> PyResult<TeamEstimator> {
+) -> PyResult<CentralEstimator> {
     let options = Options(options);
     let fed = options.word("fed")?;
     let central = CentralOptions {
@@ -39,8 +39,8 @@ pub fn cekf(
         packet_bytes: options.count("assumed_packet_bytes")?,
     };
     match fed.as_str() {
-        "everything" => Cekf::new(central).map(TeamEstimator::of).map_err(navigator),
-        "received" => Received::new(central).map(TeamEstimator::of).map_err(navigator),
+        "everything" => Cekf::new(central).map(CentralEstimator::of).map_err(navigator),
+        "received" => Received::new(central).map(CentralEstimator::of).map_err(navigator),
         other => Err(argument(format!("fed is {other:?}, not everything or received"))),
     }
 }

@@ -9,14 +9,14 @@ use pyo3::types::{PyBytes, PyDict};
 use rayon::prelude::*;
 use uwcoop_core::error::Error;
 use uwcoop_core::navigator::Navigator as CoreNavigator;
-use uwcoop_core::replay::{Replay as CoreReplay, Team, Tracks};
+use uwcoop_core::replay::{Estimators, Replay as CoreReplay, Tracks};
 
 use crate::authentication::Authenticator;
+use crate::central_estimator::CentralEstimator;
 use crate::errors::{argument, navigator};
 use crate::mission::Mission;
 use crate::navigators::Navigator;
 use crate::python_navigator::{Failure, PythonNavigator};
-use crate::team_estimator::TeamEstimator;
 
 /// One team replaying one mission.
 #[pyclass(frozen, module = "uwcoop._native")]
@@ -67,7 +67,7 @@ fn each(navigators: &Bound<'_, PyAny>, failure: &Failure) -> PyResult<Vec<Box<dy
 #[pymethods]
 impl Replay {
     /// `navigators`: one for each vehicle, native or any object with `handle`, `transmit`, `estimate`; or one
-    /// `TeamEstimator` for all. Estimates are recorded at `sample_ns` (ascending), particles at every `cloud_every`-th of them (0: never).
+    /// `CentralEstimator` for all. Estimates are recorded at `sample_ns` (ascending), particles at every `cloud_every`-th of them (0: never).
     #[new]
     #[pyo3(signature = (mission, navigators, sample_ns, cloud_every))]
     fn new(
@@ -77,16 +77,16 @@ impl Replay {
         cloud_every: usize,
     ) -> PyResult<Self> {
         let failure = Failure::default();
-        let team = match navigators.cast::<TeamEstimator>() {
-            Ok(central) => Team::Central(central.get().take()?),
-            Err(_) => Team::Each(each(navigators, &failure)?),
+        let team = match navigators.cast::<CentralEstimator>() {
+            Ok(central) => Estimators::Central(central.get().take()?),
+            Err(_) => Estimators::Each(each(navigators, &failure)?),
         };
         let samples: Arc<[i64]> = sample_ns.as_array().iter().copied().collect();
         let inner = CoreReplay::new(mission.inner.clone(), team, samples, cloud_every).map_err(navigator)?;
         Ok(Self { inner: Mutex::new(Some(inner)), failure, elapsed: Mutex::default() })
     }
 
-    /// Seals the packets of every vehicle with tags, and checks them; before the replay begins.
+    /// Tags the packets of every vehicle, and checks them; before the replay begins.
     fn authenticate(&self, authenticator: &Authenticator) -> PyResult<()> {
         self.with(|r| r.authenticate(&authenticator.inner))
     }

@@ -24,7 +24,7 @@ def tag_bytes_of(tables: Mapping[str, Any]) -> int:
 
 
 def authenticator_of(log: MissionLog) -> _native.Authenticator | None:
-    """What seals and checks the packets of a mission's team; None where packets carry no tags.
+    """What tags and checks the packets of a mission's team; None where packets carry no tags.
 
     A mission that is simulated without a key gets one made of its name: both ends of its link are in this process, and
     what a tag accepts does not depend on the key.

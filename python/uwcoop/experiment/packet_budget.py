@@ -279,7 +279,7 @@ def _packet(
             launch_ns = _under_way(navigator, _sensors(tables), tables["acoustics"]["slot_s"] * vehicles)
         if tag_bytes:
             # The key does not change the length; the team's own stays where it is.
-            navigator = navigator.sealed(0, vehicles, _native.Authenticator(bytes(16), tag_bytes, 0))
+            navigator = navigator.authenticated(0, vehicles, _native.Authenticator(bytes(16), tag_bytes, 0))
         return navigator, launch_ns
 
     navigator, launch_ns = ready()

@@ -141,12 +141,12 @@ class MpfOptions(FilterOptions):
     bias_states: bool = False
     """Compass and thrust bias as further Kalman states."""
     range_method: Literal["gaussian"] = "gaussian"
-    range_news: bool = True
+    range_novelty: bool = True
     """A teammate's position is wrong by an error that lasts: of its range counts what the error's renewal since it was
     last heard makes new. Off: every range counts alike."""
     range_temper: Share | None = None
     """Further exponent of the range likelihood. None: 1 over the number of teammates, who may all pass on the same
-    news; 0.05 without `range_news`."""
+    news; 0.05 without `range_novelty`."""
     range_gate_sigmas: Positive | None = 6.0
     monitor: bool = True
     """Spread the cloud when its soundings have contradicted it for long."""
@@ -164,7 +164,7 @@ class MpfOptions(FilterOptions):
         values = super().native(correlation_length_m)
         length = correlation_length_m if self.correlation_length_m is None else self.correlation_length_m
         white = length == 0
-        if self.range_temper is None and not self.range_news:
+        if self.range_temper is None and not self.range_novelty:
             values["range_temper"] = 0.05
         if self.student_dof is None:
             values["student_dof"] = math.inf if white else 4.0

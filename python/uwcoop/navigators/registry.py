@@ -30,7 +30,7 @@ from uwcoop.navigators.protocol import Context
 from uwcoop.navigators.team import TeamOptions, team
 
 if TYPE_CHECKING:
-    from uwcoop._native import Navigator, TeamEstimator
+    from uwcoop._native import Navigator, CentralEstimator
 
 __all__ = ["NAVIGATORS", "Options", "Spec", "build", "not_realisable", "options_of"]
 
@@ -46,13 +46,13 @@ class Spec:
     summary: str
     options: type[Options]
     fixed: Mapping[str, Any]
-    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | TeamEstimator]
+    make: Callable[[Context, Mapping[str, Any], _native.Chart | None], Navigator | CentralEstimator]
     needs_bandwidth: bool = False
     """Takes part by default only where the modem carries its packet."""
     listed_only: bool = False
     """Takes part by default only where the scenario's `navigators` names it."""
     central: bool = False
-    """Made once for the whole team (with the first vehicle's context): a `TeamEstimator`."""
+    """Made once for the whole team (with the first vehicle's context): a `CentralEstimator`."""
     realisable: bool = True
     """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
 
@@ -265,7 +265,7 @@ def _slot_holds(scenario: Mapping[str, Any], packet_bytes: int) -> bool:
 
 def build(
     name: str, context: Context, options: Options, chart: _native.Chart | None
-) -> Navigator | TeamEstimator:
+) -> Navigator | CentralEstimator:
     """A packaged navigator for one vehicle, or a centralised one for all; `chart` is `native_chart(context.chart)`,
     shared by the team."""
     length = 0.0 if context.chart is None else context.chart.correlation_length_m

@@ -4,8 +4,8 @@ use nalgebra::DMatrix;
 
 use super::{BoundModel, Observation, TrueTracks};
 use crate::chart::Chart;
+use crate::event::seconds;
 use crate::kernels::particles::displacement_map;
-use crate::navigator::common::seconds;
 
 /// Position and datum offset come before the linear states.
 const BEFORE_LINEAR: usize = 3;

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::{Gaussian, Information, NODE, NodeMatrix, NodeVector, Step};
+use super::{Gaussian, GraphStep, Information, NODE, NodeMatrix, NodeVector};
 use crate::error::Error;
 
 /// A node: the state at one launch.
@@ -26,13 +26,13 @@ pub struct Node {
 /// |                     Λ_10  Λ_00   |
 /// ```
 ///
-/// It is kept as its factors: a node's filtered Gaussian and the [`Step`]s, so that nothing is inverted until somebody
+/// It is kept as its factors: a node's filtered Gaussian and the [`GraphStep`]s, so that nothing is inverted until somebody
 /// asks. Marginalising an inner node is composing its two steps; marginalising the oldest is forgetting it.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Chain {
     nodes: Vec<Node>,
     /// `steps[i]` leads from node i to node i + 1.
-    steps: Vec<Step>,
+    steps: Vec<GraphStep>,
 }
 
 impl Chain {
@@ -68,7 +68,7 @@ impl Chain {
     }
 
     /// Augments by a node, with the step that leads to it from the newest one. Into an empty chain it begins.
-    pub fn push(&mut self, step: Step, node: Node) {
+    pub fn push(&mut self, step: GraphStep, node: Node) {
         if !self.nodes.is_empty() {
             self.steps.push(step);
         }
@@ -78,14 +78,14 @@ impl Chain {
     /// The step from node `from` to the later node `to` (places): everything between is marginalised out.
     ///
     /// # Errors
-    /// What [`Step::then`] says; [`Error::OutOfBound`] for places that are not in order.
-    pub fn between(&self, from: usize, to: usize) -> Result<Step, Error> {
+    /// What [`GraphStep::then`] says; [`Error::OutOfBound`] for places that are not in order.
+    pub fn between(&self, from: usize, to: usize) -> Result<GraphStep, Error> {
         let steps = self.steps.get(from..to).ok_or(Error::OutOfBound {
             quantity: "place in a chain",
             value: from as f64,
             bound: "the later node's place",
         })?;
-        let Some((first, rest)) = steps.split_first() else { return Ok(Step::identity()) };
+        let Some((first, rest)) = steps.split_first() else { return Ok(GraphStep::identity()) };
         rest.iter().try_fold(*first, |all, next| all.then(next))
     }
 
@@ -101,7 +101,7 @@ impl Chain {
     /// Marginalises the node at `place` out.
     ///
     /// # Errors
-    /// What [`Step::then`] says; nothing has changed then.
+    /// What [`GraphStep::then`] says; nothing has changed then.
     pub fn marginalize(&mut self, place: usize) -> Result<(), Error> {
         if place >= self.nodes.len() {
             return Ok(());
@@ -131,7 +131,7 @@ impl Chain {
     /// Bounds the chain to `most` nodes (at least 2): the oldest stays, its successors are marginalised out.
     ///
     /// # Errors
-    /// What [`Step::then`] says.
+    /// What [`GraphStep::then`] says.
     pub fn bound(&mut self, most: usize) -> Result<(), Error> {
         while self.nodes.len() > most.max(2) {
             self.marginalize(1)?;
@@ -169,7 +169,7 @@ impl Chain {
 ///
 /// # Errors
 /// [`Error::NotPositiveDefinite`] for a singular prior or step.
-pub fn joint_of(earlier: &Gaussian<NODE>, step: &Step) -> Result<Information<8>, Error> {
+pub fn joint_of(earlier: &Gaussian<NODE>, step: &GraphStep) -> Result<Information<8>, Error> {
     let prior = earlier.information()?;
     let mut joint = step.information()?;
     let mut block = joint.matrix.fixed_view_mut::<NODE, NODE>(NODE, NODE);

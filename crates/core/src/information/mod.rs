@@ -4,13 +4,14 @@
 //! * [`Gaussian`] ↔ [`Information`]: N(μ, Σ) and exp(−½ xᵀΛx + ηᵀx), Λ = Σ⁻¹, η = Λμ; prediction, measurement updates,
 //!   marginalisation of small fixed blocks.
 //! * [`Joint`]: a Gaussian over any number of nodes, in covariance form.
-//! * [`Step`], [`Chain`]: one vehicle's pose graph, block-tridiagonal, kept as its factors.
+//! * [`GraphStep`], [`Chain`]: one vehicle's pose graph, block-tridiagonal, kept as its factors.
 //! * [`reconstruct`]: from joint marginals back to the graph (Walls & Eustice 2012).
 //! * [`dense`]: marginalisation of larger systems.
 
 pub mod chain;
 pub mod dense;
 mod gaussian;
+pub mod graph_packet;
 mod joint;
 pub mod process;
 pub mod reconstruct;
@@ -22,7 +23,7 @@ mod tests;
 pub use chain::{Chain, Node};
 pub use gaussian::{Gaussian, Information, symmetrized};
 pub use joint::{Innovation, Joint, Term};
-pub use step::Step;
+pub use step::GraphStep;
 
 use nalgebra::{SMatrix, SVector};
 

@@ -6,7 +6,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use super::chain::Blocks;
-use super::{Gaussian, Information, NODE, NodeMatrix, NodeVector, Step, symmetrized};
+use super::{Gaussian, GraphStep, Information, NODE, NodeMatrix, NodeVector, symmetrized};
 use crate::error::Error;
 
 /// What equation (6) solves for.
@@ -112,7 +112,7 @@ pub fn filtered_error_step(
     earlier: &Gaussian<NODE>,
     later: &Gaussian<NODE>,
     transition: &NodeMatrix,
-) -> Result<Step, Error> {
+) -> Result<GraphStep, Error> {
     let refused = || Error::NotPositiveDefinite { quantity: "noise of the filtered-error model" };
     let noise_of = |transition: &NodeMatrix| {
         symmetrized(&(later.covariance - transition * earlier.covariance * transition.transpose()))
@@ -124,7 +124,7 @@ pub fn filtered_error_step(
         noise = noise_of(&transition);
     }
     let positive = positive_part(&noise, &later.covariance).ok_or_else(refused)?;
-    Ok(Step {
+    Ok(GraphStep {
         transition,
         offset: later.mean - transition * earlier.mean,
         noise: positive,

@@ -2,11 +2,11 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::graph_packet::{GraphPacket, Lag, OriginCorrelation};
 use super::reconstruct::{
     exact_delta, filtered, filtered_error_step, filtered_error_transition, health, loss, origin_delta,
-    positive_part,
 };
-use super::{Chain, Gaussian, Information, NODE, Node, NodeMatrix, NodeVector, Step, symmetrized};
+use super::{Chain, Gaussian, GraphStep, Information, NODE, Node, NodeMatrix, symmetrized};
 use crate::error::Error;
 
 /// Nodes that a server or a client keeps at most: the origin and the newest ones.
@@ -14,102 +14,6 @@ pub const NODES_MAX: usize = 64;
 /// What rounding leaves of correlations: in float64, and in eight bits.
 const EXACT_SHARE: f64 = 1e-6;
 const ROUNDED_SHARE: f64 = 0.03;
-
-/// What a packet says of its newest node and the origin.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[allow(clippy::large_enum_variant, reason = "lives on the stack while one packet is read")]
-pub enum Tie {
-    /// The newest node is the origin: there is nothing before it.
-    Begin,
-    /// The joint marginal over (newest, origin), exact.
-    Joint(Information<8>),
-    /// Σ_{newest, origin} times L₀⁻ᵀ, where L₀ L₀ᵀ is what was sent of the origin at its launch. (A sender's, before it
-    /// is written: M, in the scale of the newest node as well.)
-    Correlation(NodeMatrix),
-}
-
-/// What a packet says of its newest node and an earlier one, exactly.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[allow(clippy::large_enum_variant, reason = "lives on the stack while one packet is read")]
-pub enum Lag {
-    /// Their joint marginal.
-    Joint(Information<8>),
-    /// The step between them, for who holds the earlier one as it was sent.
-    Rounded(RoundedLag),
-}
-
-/// A step in the scales of its two nodes: L₂ L₂ᵀ the earlier one's covariance as it was sent, L₃ L₃ᵀ the later one's.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct RoundedLag {
-    /// A = L₂⁻¹ P₂|₃ L₂⁻ᵀ: what smoothing leaves of the earlier node's covariance.
-    pub smoothed: NodeMatrix,
-    /// L₂⁻¹ (x̂₂|₃ − x̂₂): how far smoothing moves its mean.
-    pub shift: NodeVector,
-    /// K = L₃⁻¹ Φ L₂ chol(A).
-    pub transition: NodeMatrix,
-    /// N = L₃⁻¹ W L₃⁻ᵀ; none: I − K Kᵀ.
-    pub noise: Option<NodeMatrix>,
-}
-
-impl RoundedLag {
-    /// What was learnt of the earlier node, A⁻¹ − I, and what that leaves of its covariance. Rounded up, A may exceed
-    /// what was known before: nothing was learnt in those directions.
-    #[must_use]
-    pub fn kept(&self) -> Option<(NodeMatrix, NodeMatrix)> {
-        let inverse = symmetrized(&self.smoothed).try_inverse()?;
-        let gained = symmetrized(&(inverse - NodeMatrix::identity())).symmetric_eigen();
-        let kept = NodeMatrix::from_diagonal(&gained.eigenvalues.map(|value| value.max(0.0)));
-        let told = gained.eigenvectors * kept * gained.eigenvectors.transpose();
-        let smoothed = (NodeMatrix::identity() + told).try_inverse()?;
-        Some((told, symmetrized(&smoothed)))
-    }
-
-    /// N.
-    #[must_use]
-    pub fn scaled_noise(&self) -> NodeMatrix {
-        self.noise.unwrap_or_else(|| NodeMatrix::identity() - self.transition * self.transition.transpose())
-    }
-
-    /// The step, from the two nodes as they were sent: P₂|₃ = L₂AL₂ᵀ, Φ = L₃ K (L₂ chol A)⁻¹, W = L₃ N L₃ᵀ, and what makes
-    /// the later mean come out.
-    ///
-    /// # Errors
-    /// [`Error::NotPositiveDefinite`] for matrices that no step has.
-    pub fn step(&self, earlier: &Gaussian<NODE>, later: &Gaussian<NODE>) -> Result<Step, Error> {
-        let refused = || Error::NotPositiveDefinite { quantity: "rounded step" };
-        let root = symmetrized(&earlier.covariance).cholesky().ok_or_else(refused)?.l();
-        let back = root.try_inverse().ok_or_else(refused)?;
-        let (told, smoothed) = self.kept().ok_or_else(refused)?;
-        let smoothed_root = root * smoothed.cholesky().ok_or_else(refused)?.l();
-        let later_root = symmetrized(&later.covariance).cholesky().ok_or_else(refused)?.l();
-        let transition = later_root * self.transition * smoothed_root.try_inverse().ok_or_else(refused)?;
-        let mean = earlier.mean + root * self.shift;
-        let told_matrix = symmetrized(&(back.transpose() * told * back));
-        // j: (P₂⁻¹ + J)⁻¹ (P₂⁻¹ x̂₂ + j) is the smoothed mean.
-        let known = back.transpose() * back;
-        let noise = symmetrized(&(later_root * self.scaled_noise() * later_root.transpose()));
-        Ok(Step {
-            transition,
-            offset: later.mean - transition * mean,
-            noise: positive_part(&noise, &later.covariance).ok_or_else(refused)?,
-            told_matrix,
-            told_vector: told_matrix * mean + known * (mean - earlier.mean),
-        })
-    }
-}
-
-/// A server's packet, decoded.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GraphPacket {
-    /// Newest node, with its filtered Gaussian.
-    pub node: Node,
-    /// The origin's id.
-    pub origin: u64,
-    /// Newest node and origin.
-    pub tie: Tie,
-    /// Exact ties with earlier nodes, by id.
-    pub lags: Vec<(u64, Lag)>,
-}
 
 /// How a step was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -140,14 +44,14 @@ pub struct Methods {
 
 /// A packet as the replica would take it: nothing has changed yet.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Plan {
+pub struct JoinPlan {
     /// How the step was found.
     pub method: Method,
     /// From the client's newest node to the packet's; for [`Method::Begun`] without meaning.
-    pub step: Step,
+    pub step: GraphStep,
     /// The packet's node.
     pub node: Node,
-    begun: Option<(Node, Step)>,
+    begun: Option<(Node, GraphStep)>,
     origin: u64,
     joint: Option<Information<8>>,
     cross: Option<NodeMatrix>,
@@ -156,7 +60,7 @@ pub struct Plan {
 
 /// What a replica remembers of a node beside the chain.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Memory {
+struct NodeRecord {
     /// The joint marginal with an origin, as it was sent.
     joint: Option<(u64, Information<8>)>,
     /// What correlates its filtered error with the anchor's; `None` when not known.
@@ -172,7 +76,7 @@ struct Memory {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Replica {
     chain: Chain,
-    memories: Vec<Memory>,
+    records: Vec<NodeRecord>,
     /// The node that all `cross` refer to.
     anchor: Option<u64>,
     /// Whether correlations are scaled by Cholesky factors (of packets that hold no joint).
@@ -180,7 +84,7 @@ pub struct Replica {
 }
 
 impl Replica {
-    /// An empty replica. `scaled`: packets hold [`Tie::Correlation`] (and never a joint), by Cholesky factors.
+    /// An empty replica. `scaled`: packets hold [`OriginCorrelation::Correlation`] (and never a joint), by Cholesky factors.
     #[must_use]
     pub fn new(scaled: bool) -> Self {
         Self { scaled, ..Self::default() }
@@ -204,13 +108,13 @@ impl Replica {
     ///
     /// # Errors
     /// A packet whose matrices are none that a graph can have.
-    pub fn plan(&self, packet: &GraphPacket, methods: &Methods) -> Result<Option<Plan>, Error> {
+    pub fn plan(&self, packet: &GraphPacket, methods: &Methods) -> Result<Option<JoinPlan>, Error> {
         let Some(newest) = self.chain.newest() else { return self.begin(packet).map(Some) };
         if packet.node.id <= newest.id {
             return Ok(None);
         }
         let (joint, cross) = self.tied(packet)?;
-        let plan = |method, step, exact| Plan {
+        let plan = |method, step, exact| JoinPlan {
             method,
             step,
             node: packet.node,
@@ -232,7 +136,7 @@ impl Replica {
         {
             // What D hides from its own indicator shows here; the filtered-error model is still there then.
             let solved = origin_delta(&known, packet_joint)
-                .and_then(|solved| Step::from_information(&solved.delta, &newest.filtered));
+                .and_then(|solved| GraphStep::from_information(&solved.delta, &newest.filtered));
             if let Ok(step) = solved {
                 return Ok(Some(plan(Method::Equation6, step, true)));
             }
@@ -249,12 +153,12 @@ impl Replica {
     }
 
     /// Takes a plan that [`Replica::plan`] made of this very replica.
-    pub fn commit(&mut self, plan: &Plan) {
+    pub fn commit(&mut self, plan: &JoinPlan) {
         if let Some((origin, step)) = plan.begun {
             self.anchor = Some(plan.origin);
             self.chain.begin(origin);
             if origin.id != plan.node.id {
-                self.memories.push(Memory { joint: None, cross: None, exact: true });
+                self.records.push(NodeRecord { joint: None, cross: None, exact: true });
                 self.chain.push(step, plan.node);
             }
         } else {
@@ -262,7 +166,7 @@ impl Replica {
             self.chain.push(plan.step, plan.node);
         }
         let joint = plan.joint.map(|joint| (plan.origin, joint));
-        self.memories.push(Memory { joint, cross: plan.cross, exact: plan.exact });
+        self.records.push(NodeRecord { joint, cross: plan.cross, exact: plan.exact });
         self.prune(plan.origin);
     }
 
@@ -271,45 +175,45 @@ impl Replica {
         if self.chain.place(origin).is_some() {
             self.chain.forget_before(origin);
         }
-        let gone = self.memories.len() - self.chain.nodes().len();
-        self.memories.drain(..gone);
+        let gone = self.records.len() - self.chain.nodes().len();
+        self.records.drain(..gone);
         while self.chain.nodes().len() > NODES_MAX {
             if self.chain.marginalize(1).is_err() {
                 // Without its oldest node a graph is smaller and as right.
                 let second = self.chain.nodes()[1].id;
                 self.chain.forget_before(second);
-                self.memories.remove(0);
+                self.records.remove(0);
                 continue;
             }
-            let merged = self.memories.remove(1);
-            if let Some(next) = self.memories.get_mut(1) {
+            let merged = self.records.remove(1);
+            if let Some(next) = self.records.get_mut(1) {
                 next.exact &= merged.exact;
             }
         }
     }
 
     /// The first packet of a server: its newest node, and the origin before it where the packet holds their joint.
-    fn begin(&self, packet: &GraphPacket) -> Result<Plan, Error> {
-        let mut plan = Plan {
+    fn begin(&self, packet: &GraphPacket) -> Result<JoinPlan, Error> {
+        let mut plan = JoinPlan {
             method: Method::Begun,
-            step: Step::identity(),
+            step: GraphStep::identity(),
             node: packet.node,
-            begun: Some((packet.node, Step::identity())),
+            begun: Some((packet.node, GraphStep::identity())),
             origin: packet.origin,
             joint: None,
             cross: None,
             exact: true,
         };
         match packet.tie {
-            Tie::Begin => plan.cross = self.own_cross(&packet.node),
-            Tie::Correlation(cross) => plan.cross = Some(cross),
-            Tie::Joint(joint) => {
+            OriginCorrelation::Begin => plan.cross = self.own_cross(&packet.node),
+            OriginCorrelation::Correlation(cross) => plan.cross = Some(cross),
+            OriginCorrelation::Joint(joint) => {
                 let moments = joint.gaussian()?;
                 let marginal = Gaussian {
                     mean: moments.mean.fixed_rows::<NODE>(4).into_owned(),
                     covariance: symmetrized(&moments.covariance.fixed_view::<NODE, NODE>(4, 4).into_owned()),
                 };
-                let step = Step::from_information(&exact_delta(&joint, &marginal)?, &marginal)?;
+                let step = GraphStep::from_information(&exact_delta(&joint, &marginal)?, &marginal)?;
                 let origin = Node { id: packet.origin, tol_ns: i64::MIN, filtered: marginal };
                 plan.begun = Some((origin, step));
                 plan.joint = Some(joint);
@@ -322,9 +226,9 @@ impl Replica {
     /// The packet's joint with its origin, and the correlation of the filtered errors.
     fn tied(&self, packet: &GraphPacket) -> Result<(Option<Information<8>>, Option<NodeMatrix>), Error> {
         match packet.tie {
-            Tie::Begin => Ok((None, None)),
-            Tie::Joint(joint) => Ok((Some(joint), Some(filtered(&joint)?.1))),
-            Tie::Correlation(cross) => Ok((None, Some(cross))),
+            OriginCorrelation::Begin => Ok((None, None)),
+            OriginCorrelation::Joint(joint) => Ok((Some(joint), Some(filtered(&joint)?.1))),
+            OriginCorrelation::Correlation(cross) => Ok((None, Some(cross))),
         }
     }
 
@@ -334,10 +238,10 @@ impl Replica {
         packet: &GraphPacket,
         joint: Option<&Information<8>>,
         methods: &Methods,
-    ) -> Result<Option<Step>, Error> {
+    ) -> Result<Option<GraphStep>, Error> {
         let Some(newest) = self.chain.newest() else { return Ok(None) };
         let of_joint = |joint: &Information<8>| {
-            Step::from_information(&exact_delta(joint, &newest.filtered)?, &newest.filtered)
+            GraphStep::from_information(&exact_delta(joint, &newest.filtered)?, &newest.filtered)
         };
         match packet.lags.iter().find(|(id, _)| *id == newest.id) {
             Some((_, Lag::Joint(joint))) => return of_joint(joint).map(Some),
@@ -360,15 +264,15 @@ impl Replica {
 
     /// Λᶜ over (newest, origin): the newest packet itself if it had this origin, else from the graph if that is exact.
     fn joint_with(&self, origin: u64) -> Option<Information<8>> {
-        let memory = self.memories.last()?;
-        if let Some((its_origin, joint)) = memory.joint
+        let record = self.records.last()?;
+        if let Some((its_origin, joint)) = record.joint
             && its_origin == origin
         {
             return Some(joint);
         }
         let place = self.chain.place(origin)?;
-        let last = self.memories.len() - 1;
-        if place == last || !self.memories[place + 1..].iter().all(|memory| memory.exact) {
+        let last = self.records.len() - 1;
+        if place == last || !self.records[place + 1..].iter().all(|record| record.exact) {
             return None;
         }
         self.chain.joint_marginal(place, last).ok()
@@ -376,9 +280,9 @@ impl Replica {
 
     /// The newest node's correlation with `origin`, in the scale that packets with this origin use.
     fn cross_of_newest(&self, origin: u64) -> Option<NodeMatrix> {
-        let last = self.memories.len().checked_sub(1)?;
+        let last = self.records.len().checked_sub(1)?;
         if self.anchor == Some(origin) {
-            return self.memories[last].cross;
+            return self.records[last].cross;
         }
         self.crosses_by(self.chain.place(origin)?).last().copied().flatten()
     }
@@ -386,13 +290,13 @@ impl Replica {
     /// Correlations of all nodes with the one at `place`, as [`Replica::anchor`] would have them there.
     fn crosses_by(&self, place: usize) -> Vec<Option<NodeMatrix>> {
         let node = &self.chain.nodes()[place];
-        let (own, anchored) = (self.own_cross(node), self.memories[place].cross);
-        (0..self.memories.len())
+        let (own, anchored) = (self.own_cross(node), self.records[place].cross);
+        (0..self.records.len())
             .map(|k| {
                 if k == place {
                     return own;
                 }
-                let cross = self.memories[k].cross.filter(|_| k > place)?;
+                let cross = self.records[k].cross.filter(|_| k > place)?;
                 let transition =
                     filtered_error_transition(&node.filtered, &anchored?, &cross, self.left_share()).ok()?;
                 Some(transition * own?)
@@ -417,8 +321,8 @@ impl Replica {
         }
         let Some(place) = self.chain.place(origin) else { return };
         let crosses = self.crosses_by(place);
-        for (memory, cross) in self.memories.iter_mut().zip(crosses) {
-            memory.cross = cross;
+        for (record, cross) in self.records.iter_mut().zip(crosses) {
+            record.cross = cross;
         }
         self.anchor = Some(origin);
     }

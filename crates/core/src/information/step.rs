@@ -12,9 +12,9 @@ const INDEFINITE_SHARE_MAX: f64 = 1e-3;
 /// Everything that was predicted and measured between an earlier node x and a later one x′:
 /// x′ = Φ x + b + N(0, W), and exp(−½ xᵀJx + jᵀx) for what it says of x itself.
 ///
-/// Steps compose ([`Step::then`]); no process noise is ever inverted, so W may be singular.
+/// Steps compose ([`GraphStep::then`]); no process noise is ever inverted, so W may be singular.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Step {
+pub struct GraphStep {
     /// Φ.
     pub transition: NodeMatrix,
     /// b.
@@ -27,13 +27,13 @@ pub struct Step {
     pub told_vector: NodeVector,
 }
 
-impl Default for Step {
+impl Default for GraphStep {
     fn default() -> Self {
         Self::identity()
     }
 }
 
-impl Step {
+impl GraphStep {
     /// Nothing has happened.
     #[must_use]
     pub fn identity() -> Self {
@@ -198,7 +198,7 @@ impl Step {
     /// Moves a node of a joint: what the step tells of the earlier node, then the motion.
     ///
     /// # Errors
-    /// As [`Step::apply`]; nothing has changed then.
+    /// As [`GraphStep::apply`]; nothing has changed then.
     pub fn apply_to(&self, joint: &mut Joint, node: usize) -> Result<(), Error> {
         if self.told_matrix.iter().any(|value| *value != 0.0) {
             joint.inform(node, &self.told_matrix, &self.told_vector)?;

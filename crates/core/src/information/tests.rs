@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, Vector2};
 use proptest::prelude::*;
 
 use super::chain::joint_of;
-use super::replica::{GraphPacket, Lag, Method, Methods, NODES_MAX, Replica, Tie};
+use super::graph_packet::{GraphPacket, Lag, OriginCorrelation};
+use super::replica::{Method, Methods, NODES_MAX, Replica};
 use super::*;
 
 const Q: f64 = 1e-4;
@@ -13,7 +14,7 @@ const Q: f64 = 1e-4;
 /// A ship with GPS: its graph, launches `step_s` apart, and its filter; fixes from a small generator.
 struct Ship {
     state: Gaussian<NODE>,
-    since: Step,
+    since: GraphStep,
     chain: Chain,
     seed: u64,
 }
@@ -22,7 +23,7 @@ impl Ship {
     fn new(seed: u64) -> Self {
         let mean = NodeVector::new(118.0, -58.0, 0.1, 0.0);
         let covariance = NodeMatrix::from_diagonal(&NodeVector::new(9.0, 9.0, 0.25, 0.25));
-        Self { state: Gaussian { mean, covariance }, since: Step::identity(), chain: Chain::new(), seed }
+        Self { state: Gaussian { mean, covariance }, since: GraphStep::identity(), chain: Chain::new(), seed }
     }
 
     fn draw(&mut self) -> f64 {
@@ -43,14 +44,18 @@ impl Ship {
     fn launch(&mut self, id: u64, step_s: usize) {
         (0..step_s).for_each(|_| self.second());
         self.chain.push(self.since, Node { id, tol_ns: id as i64, filtered: self.state });
-        self.since = Step::identity();
+        self.since = GraphStep::identity();
     }
 
     fn packet(&self, origin: u64, lags: usize) -> GraphPacket {
         let node = *self.chain.newest().unwrap();
         let last = self.chain.nodes().len() - 1;
         let joint = |id: u64| self.chain.joint_marginal(self.chain.place(id).unwrap(), last).unwrap();
-        let tie = if origin == node.id { Tie::Begin } else { Tie::Joint(joint(origin)) };
+        let tie = if origin == node.id {
+            OriginCorrelation::Begin
+        } else {
+            OriginCorrelation::Joint(joint(origin))
+        };
         let lags = (origin + 1..node.id).rev().take(lags).map(|id| (id, Lag::Joint(joint(id)))).collect();
         GraphPacket { node, origin, tie, lags }
     }
@@ -133,7 +138,7 @@ proptest! {
         ship.launch(1, length);
         let step = ship.chain.between(0, 1).unwrap();
         let earlier = ship.chain.nodes()[0].filtered;
-        let back = Step::from_information(&step.information().unwrap(), &earlier).unwrap();
+        let back = GraphStep::from_information(&step.information().unwrap(), &earlier).unwrap();
         let moved = back.apply(&earlier).unwrap();
         let expected = ship.chain.nodes()[1].filtered;
         prop_assert!((moved.mean - expected.mean).norm() < 1e-8);
@@ -179,7 +184,7 @@ fn an_indefinite_packet_is_refused() {
     replica.commit(&replica.plan(&ship.packet(0, 0), &METHODS).unwrap().unwrap());
     ship.launch(1, 10);
     let mut packet = ship.packet(0, 0);
-    let Tie::Joint(joint) = &mut packet.tie else { panic!("the second packet has an origin") };
+    let OriginCorrelation::Joint(joint) = &mut packet.tie else { panic!("the second packet has an origin") };
     joint.matrix[(0, 0)] = -1.0;
     let before = replica.clone();
     assert!(replica.plan(&packet, &METHODS).is_err());

@@ -9,7 +9,7 @@
 )]
 #![allow(clippy::too_many_arguments, reason = "columns are handed over one by one")]
 
-pub mod draws;
+pub mod jitter;
 pub mod landmark;
 pub mod likelihood;
 pub mod lookup;
@@ -17,6 +17,7 @@ pub mod math;
 pub mod mixture;
 pub mod particles;
 pub mod pattern;
+pub mod philox;
 pub mod team;
 #[cfg(test)]
 mod variants;

@@ -3,8 +3,7 @@
 use nalgebra::{Matrix2, SMatrix};
 
 use super::dispatch;
-use super::draws::{PAIRS, pairs};
-use crate::noise::Stream;
+use super::philox::{PAIRS, StreamKey, pairs};
 
 /// Most Kalman states that a particle carries: current (2), compass bias, thrust bias.
 pub const MAX_LINEAR: usize = 4;
@@ -14,7 +13,7 @@ pub const MAX_LINEAR: usize = 4;
 /// With F the 2 × K map from linear states to displacement and S = F P Fᵀ + Q (5)–(8): `innovation_m2` = S,
 /// `root` = chol(S) (lower), `gain` = P Fᵀ S⁻¹, `map` = F.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Step<const K: usize> {
+pub struct ParticleStep<const K: usize> {
     /// Commanded displacement, m.
     pub displacement_m: [f64; 2],
     /// F.
@@ -64,7 +63,7 @@ pub fn prepare_step<const K: usize>(
     dt_s: f64,
     q_position: [f64; 3],
     q_linear: &SMatrix<f64, K, K>,
-) -> Step<K> {
+) -> ParticleStep<K> {
     let map = displacement_map::<K>(velocity_mps, dt_s);
     let f = SMatrix::<f64, 2, K>::from_fn(|r, c| map[r][c]);
     let cross: SMatrix<f64, K, 2> = *covariance * f.transpose();
@@ -79,7 +78,7 @@ pub fn prepare_step<const K: usize>(
         *row = [gain[(k, 0)], gain[(k, 1)]];
     }
     let innovation_m2 = [s[(0, 0)], s[(0, 1)], s[(1, 1)]];
-    Step {
+    ParticleStep {
         displacement_m: [velocity_mps[0] * dt_s, velocity_mps[1] * dt_s],
         map,
         innovation_m2,
@@ -88,7 +87,7 @@ pub fn prepare_step<const K: usize>(
     }
 }
 
-impl<const K: usize> Step<K> {
+impl<const K: usize> ParticleStep<K> {
     /// p += F c + u Δt + ζ, c += P Fᵀ S⁻¹ ζ with ζ = chol(S) n (5)–(8), over columns of one length.
     #[inline(always)]
     fn apply(
@@ -121,7 +120,7 @@ impl<const K: usize> Step<K> {
 dispatch! {
     /// p += F c + u Δt + ζ, c += P Fᵀ S⁻¹ ζ with ζ = chol(S) n, n the normals `a`, `b` (5)–(8).
     pub fn propagate<const K: usize>(
-        step: &Step<K>,
+        step: &ParticleStep<K>,
         east: &mut [f64],
         north: &mut [f64],
         linear: &mut [Vec<f64>; K],
@@ -138,8 +137,8 @@ dispatch! {
 dispatch! {
     /// [`propagate`] with the normal pairs of the stream's lane 0, which never leave the cache.
     pub fn propagate_drawn<const K: usize>(
-        step: &Step<K>,
-        stream: &Stream,
+        step: &ParticleStep<K>,
+        stream: &StreamKey,
         east: &mut [f64],
         north: &mut [f64],
         linear: &mut [Vec<f64>; K],
@@ -191,7 +190,7 @@ dispatch! {
         north: &mut [f64],
         ancestors: &[u32],
         variance_m2: f64,
-        stream: &Stream,
+        stream: &StreamKey,
     ) {
         let sigma = variance_m2.sqrt();
         let n = east.len().min(north.len()).min(ancestors.len());
@@ -308,17 +307,17 @@ pub(super) fn product_sum(x: &[f64], mx: f64, y: &[f64], my: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::{Purpose, Streams};
+    use crate::kernels::philox::normal_pairs;
     use proptest::prelude::*;
 
     proptest! {
         #[test]
-        fn drawing_on_the_way_is_drawing_before(n in 1usize..200, seed: u64, copies in prop::collection::vec(0u32..4, 1..200)) {
-            let stream = Streams::new(seed, 2).at(Purpose::Process, 9);
+        fn drawing_within_the_loop_is_drawing_before(n in 1usize..200, seed: [u32; 2], copies in prop::collection::vec(0u32..4, 1..200)) {
+            let stream = StreamKey { seed, step: 9, who: 2 };
             let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
-            stream.normal_pairs(0, &mut a, &mut b);
+            normal_pairs(&stream, 0, &mut a, &mut b);
             let mut p = Matrix2::new(0.09, 0.02, 0.02, 0.04);
-            let step: Step<2> = prepare_step(&mut p, [1.5, -0.4], 1.0, [0.01, 0.001, 0.02], &Matrix2::zeros());
+            let step: ParticleStep<2> = prepare_step(&mut p, [1.5, -0.4], 1.0, [0.01, 0.001, 0.02], &Matrix2::zeros());
             let column = |k: f64| (0..n).map(|i| k * i as f64).collect::<Vec<_>>();
             let start = || (column(1.0), column(-2.0), [column(0.01), column(-0.02)]);
             let (mut e0, mut n0, mut c0) = start();

@@ -1,4 +1,4 @@
-//! Joint Gaussians over teammates, one for each particle: prediction, soundings, fixes, ranges, jitter.
+//! Joint Gaussians over teammates, one for each particle: prediction, soundings, fixes, ranges.
 //!
 //! Columns are structures of arrays: `mean` holds D columns of N particles, `covariance` the rows of the packed lower
 //! triangle, one column of N for each element. A teammate's block is
@@ -14,7 +14,6 @@
 use super::dispatch;
 use super::lookup::{Grid, Paired};
 use super::math::ln;
-use super::particles::{product_sum, sum};
 
 /// Particles that are worked on together.
 pub const LANES: usize = 8;
@@ -158,7 +157,7 @@ pub struct Joints<'a> {
 }
 
 /// What [`run`] does: operations on the block that starts at `base`.
-pub struct Program<'a> {
+pub struct BlockUpdates<'a> {
     /// First state of the sender's block.
     pub base: usize,
     /// In the order of time.
@@ -177,7 +176,7 @@ dispatch! {
     /// `log_likelihood` gets one column of N for each operation that weighs, in their order; NaN where a particle has
     /// no chart. `innovation` gets [innovation, its variance] of the last operation that weighs.
     pub fn run(
-        program: &Program<'_>,
+        updates: &BlockUpdates<'_>,
         joints: &mut Joints<'_>,
         log_likelihood: &mut [f64],
         innovation: &mut [&mut [f64]; 2],
@@ -204,37 +203,37 @@ dispatch! {
                 }
             }
             let mut current = [[0.0; LANES]; 2];
-            if let Some([east, north]) = program.current {
+            if let Some([east, north]) = updates.current {
                 load(&mut current[0], east, first, count);
                 load(&mut current[1], north, first, count);
             }
             let mut row = 0;
-            for op in program.ops {
+            for op in updates.ops {
                 let (ll, nu, s) = match *op {
                     Op::Predict(step) => {
-                        add_scaled(&mut m[program.base + E], step.dt_s, &current[0]);
-                        add_scaled(&mut m[program.base + N], step.dt_s, &current[1]);
-                        predict(m, p, program.base, &step);
+                        add_scaled(&mut m[updates.base + E], step.dt_s, &current[0]);
+                        add_scaled(&mut m[updates.base + N], step.dt_s, &current[1]);
+                        predict(m, p, updates.base, &step);
                         continue;
                     }
-                    Op::Sounding { water_depth_m, noise_m2, walk_m2, shared } => match &program.terrain {
+                    Op::Sounding { water_depth_m, noise_m2, walk_m2, shared } => match &updates.terrain {
                         Some(terrain) => sounding(
-                            m, p, hp, program.base, terrain, water_depth_m, noise_m2, walk_m2, shared,
+                            m, p, hp, updates.base, terrain, water_depth_m, noise_m2, walk_m2, shared,
                         ),
                         None => ([f64::NAN; LANES], [0.0; LANES], [1.0; LANES]),
                     },
                     Op::Fix { position_m, variance_m2 } => {
-                        fix(m, p, hp, program.base, position_m, variance_m2)
+                        fix(m, p, hp, updates.base, position_m, variance_m2)
                     }
                     Op::RangeToOwn { own, range_m, variance_m2 } => {
-                        let [east, north] = program.own.at[own & 1];
+                        let [east, north] = updates.own.at[own & 1];
                         let mut at = [[0.0; LANES]; 2];
                         load(&mut at[0], east, first, count);
                         load(&mut at[1], north, first, count);
-                        range(m, p, hp, program.base, Peer::Point(at), range_m, variance_m2)
+                        range(m, p, hp, updates.base, RangeTarget::Point(at), range_m, variance_m2)
                     }
                     Op::RangeToBlock { base, range_m, variance_m2 } => {
-                        range(m, p, hp, program.base, Peer::Block(base), range_m, variance_m2)
+                        range(m, p, hp, updates.base, RangeTarget::Block(base), range_m, variance_m2)
                     }
                 };
                 store(&ll, &mut log_likelihood[row * n..(row + 1) * n], first, count);
@@ -473,7 +472,7 @@ fn fix(
 }
 
 /// The other end of a range.
-enum Peer {
+enum RangeTarget {
     Point([Lane; 2]),
     Block(usize),
 }
@@ -485,14 +484,14 @@ fn range(
     p: &mut [Lane],
     hp: &mut [Lane],
     base: usize,
-    peer: Peer,
+    target: RangeTarget,
     range_m: f64,
     variance_m2: f64,
 ) -> (Lane, Lane, Lane) {
     let (e, n) = (base + E, base + N);
-    let (at, a) = match peer {
-        Peer::Point(at) => (at, [p[packed(e, e)], p[packed(n, e)], p[packed(n, n)]]),
-        Peer::Block(other) => {
+    let (at, a) = match target {
+        RangeTarget::Point(at) => (at, [p[packed(e, e)], p[packed(n, e)], p[packed(n, n)]]),
+        RangeTarget::Block(other) => {
             let (oe, on) = (other + E, other + N);
             let mut a = [[0.0; LANES]; 3];
             for l in 0..LANES {
@@ -523,7 +522,7 @@ fn range(
         for l in 0..LANES {
             hp[l] = ue[l] * pe[l] + un[l] * pn[l];
         }
-        if let Peer::Block(other) = peer {
+        if let RangeTarget::Block(other) = target {
             let (pe, pn) = (&p[packed(r, other + E)], &p[packed(r, other + N)]);
             for l in 0..LANES {
                 hp[l] -= ue[l] * pe[l] + un[l] * pn[l];
@@ -534,7 +533,7 @@ fn range(
     for l in 0..LANES {
         spread[l] = ue[l] * hp[e][l] + un[l] * hp[n][l];
     }
-    if let Peer::Block(other) = peer {
+    if let RangeTarget::Block(other) = target {
         for l in 0..LANES {
             spread[l] -= ue[l] * hp[other + E][l] + un[l] * hp[other + N][l];
         }
@@ -603,104 +602,4 @@ fn sigma_map(terrain: &Terrain<'_>, east_m: &Lane, north_m: &Lane) -> Lane {
             out
         }
     }
-}
-
-/// Scratch of [`jitter_followers`].
-#[derive(Debug, Clone, Default)]
-pub struct JitterScratch {
-    mean: Vec<f64>,
-    root: Vec<f64>,
-    column: Vec<f64>,
-}
-
-dispatch! {
-    /// Liu–West on columns that follow others: the joint of `leaders` and `followers` is shrunk and jittered with its own
-    /// covariance, and only the followers are written (the leaders' own jitter, with `leader_normals`, is the same with
-    /// and without followers). All columns have N entries; `followers` and `normals` hold theirs one after another.
-    pub fn jitter_followers(
-        leaders: &[&[f64]],
-        leader_normals: &[&[f64]],
-        followers: &mut [f64],
-        normals: &[f64],
-        bandwidth: f64,
-        scratch: &mut JitterScratch,
-    ) {
-        let Some(n) = leaders.first().map(|c| c.len()).filter(|n| *n > 0) else { return };
-        let (k, d) = (leaders.len(), leaders.len() + followers.len() / n);
-        let JitterScratch { mean, root, column } = scratch;
-        mean.resize(d, 0.0);
-        root.resize(packed_len(d), 0.0);
-        column.resize(n, 0.0);
-        let inverse = 1.0 / n as f64;
-        let at = |j: usize| ((j - k) * n, (j - k + 1) * n);
-        for j in 0..d {
-            let total = if j < k {
-                sum(leaders[j])
-            } else {
-                let (a, b) = at(j);
-                sum(&followers[a..b])
-            };
-            mean[j] = total * inverse;
-        }
-        for r in 0..d {
-            let row = if r < k {
-                leaders[r]
-            } else {
-                let (a, b) = at(r);
-                &followers[a..b]
-            };
-            for c in 0..=r {
-                let other = if c < k {
-                    leaders[c]
-                } else {
-                    let (a, b) = at(c);
-                    &followers[a..b]
-                };
-                root[packed(r, c)] = product_sum(row, mean[r], other, mean[c]) * inverse;
-            }
-            // A trace of jitter keeps the factor defined where columns are linearly dependent.
-            let diagonal = &mut root[packed(r, r)];
-            *diagonal += 1e-9 * *diagonal + 1e-14;
-        }
-        if !cholesky(root, d) {
-            return;
-        }
-        let shrink = (1.0 - bandwidth * bandwidth).sqrt();
-        for r in k..d {
-            let (a, b) = at(r);
-            for (x, old) in column.iter_mut().zip(&followers[a..b]) {
-                *x = mean[r] + shrink * (old - mean[r]);
-            }
-            for c in 0..=r {
-                let factor = bandwidth * root[packed(r, c)];
-                let z = if c < k { leader_normals[c] } else { &normals[(c - k) * n..(c - k + 1) * n] };
-                for (x, z) in column.iter_mut().zip(z) {
-                    *x += factor * z;
-                }
-            }
-            followers[a..b].copy_from_slice(column);
-        }
-    }
-}
-
-/// In-place Cholesky factor of a packed lower triangle; false, and garbage, for what is not positive definite.
-#[inline(always)]
-fn cholesky(a: &mut [f64], d: usize) -> bool {
-    for r in 0..d {
-        for c in 0..=r {
-            let mut sum = a[packed(r, c)];
-            for k in 0..c {
-                sum -= a[packed(r, k)] * a[packed(c, k)];
-            }
-            if r == c {
-                if sum.is_nan() || sum <= 0.0 {
-                    return false;
-                }
-                a[packed(r, r)] = sum.sqrt();
-            } else {
-                a[packed(r, c)] = sum / a[packed(c, c)];
-            }
-        }
-    }
-    true
 }

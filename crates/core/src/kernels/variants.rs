@@ -8,34 +8,35 @@ use super::likelihood::{
     terrain_log_likelihood_fast,
 };
 use super::lookup::{Grid, paired};
-use super::particles::{Step, liu_west, prepare_step, propagate, propagate_drawn, roughen_drawn};
+use super::particles::{ParticleStep, liu_west, prepare_step, propagate, propagate_drawn, roughen_drawn};
 use super::pattern::{Pattern, bounds};
+use super::philox::{StreamKey, normal_pairs, sorted_uniforms, uniforms};
 use super::weights::{known_share, moments, normalise, residual_copies};
 use super::{ALLOWED, Level, level};
-use crate::noise::{Purpose, Streams};
 
 /// Output of every kernel for `n` particles, as bits.
 fn everything(n: usize) -> Vec<(&'static str, Vec<u64>)> {
     let bits = |x: &[f64]| x.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
-    let stream = |step: u32| Streams::new(3, 1).at(Purpose::Process, step);
+    let stream = |step: u32| StreamKey { seed: [3, 0], step, who: 1 };
     let normals = |step: u32| {
         let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
-        stream(step).normal_pairs(0, &mut a, &mut b);
+        normal_pairs(&stream(step), 0, &mut a, &mut b);
         [a, b]
     };
     let mut all = Vec::new();
     let [a, b] = normals(1);
     all.push(("normals", bits(&[a.clone(), b.clone()].concat())));
     let mut u = vec![0.0; n];
-    Streams::new(3, 1).at(Purpose::Resample, 2).uniforms(0, &mut u);
+    uniforms(&stream(2), 0, &mut u);
     all.push(("uniforms", bits(&u)));
     let mut sorted = vec![0.0; n];
-    stream(7).sorted_uniforms(1, &mut sorted);
+    sorted_uniforms(&stream(7), 1, &mut sorted);
     all.push(("sorted uniforms", bits(&sorted)));
 
     let [mut east, mut north] = normals(2).map(|c| c.iter().map(|x| 60.0 + 5.0 * x).collect::<Vec<_>>());
     let mut p = Matrix2::new(0.09, 0.01, 0.01, 0.08);
-    let step: Step<2> = prepare_step(&mut p, [1.2, -0.7], 1.0, [0.0025, 0.0, 0.0025], &Matrix2::identity());
+    let step: ParticleStep<2> =
+        prepare_step(&mut p, [1.2, -0.7], 1.0, [0.0025, 0.0, 0.0025], &Matrix2::identity());
     let mut linear = normals(3);
     propagate(&step, &mut east, &mut north, &mut linear, &a, &b);
     all.push((
@@ -50,7 +51,7 @@ fn everything(n: usize) -> Vec<(&'static str, Vec<u64>)> {
     let ancestors: Vec<u32> = (0..n as u32).map(|i| i / 3 * 2 + i % 3 / 2).collect();
     roughen_drawn(&mut east, &mut north, &ancestors, 0.5, &stream(9));
     all.push((
-        "drawn on the way",
+        "drawn within the loop",
         bits(&[east.clone(), north.clone(), linear[0].clone(), linear[1].clone()].concat()),
     ));
 

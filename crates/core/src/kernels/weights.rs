@@ -363,7 +363,7 @@ fn spread_ancestors(counts: &[u32], ancestors: &mut [u32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::noise::{Purpose, Streams};
+    use crate::kernels::philox::{StreamKey, uniforms};
     use proptest::prelude::*;
 
     fn normalised(raw: &[f64]) -> Vec<f64> {
@@ -382,13 +382,13 @@ mod tests {
         #[test]
         fn copies_are_at_least_the_whole_part(
             raw in prop::collection::vec(prop_oneof![Just(0.0), 1e-12..1.0f64, Just(3.0)], 1..200),
-            seed: u64,
+            seed: [u32; 2],
         ) {
             prop_assume!(raw.iter().sum::<f64>() > 0.0);
             let w = normalised(&raw);
             let n = w.len();
             let mut u = vec![0.0; n];
-            Streams::new(seed, 0).at(Purpose::Resample, 0).uniforms(0, &mut u);
+            uniforms(&StreamKey { seed, step: 0, who: 0 }, 0, &mut u);
             let (counts, ancestors) = resample(&w, &u);
             prop_assert_eq!(counts.iter().sum::<u32>() as usize, n);
             prop_assert!(ancestors.windows(2).all(|p| p[0] <= p[1]));
@@ -403,12 +403,12 @@ mod tests {
         #[test]
         fn the_guide_finds_what_a_search_finds(
             raw in prop::collection::vec(prop_oneof![Just(0.0), 1e-12..1.0f64, Just(3.0), Just(1e-3)], 1..300),
-            seed: u64,
+            seed: [u32; 2],
         ) {
             prop_assume!(raw.iter().sum::<f64>() > 0.0);
             let (w, n) = (normalised(&raw), raw.len());
             let mut u = vec![0.0; n];
-            Streams::new(seed, 0).at(Purpose::Resample, 0).uniforms(0, &mut u);
+            uniforms(&StreamKey { seed, step: 0, who: 0 }, 0, &mut u);
             let (mut expected, mut cdf, mut total) = (vec![0u32; n], Vec::new(), 0.0);
             for (count, w) in expected.iter_mut().zip(&w) {
                 *count = (n as f64 * w).floor() as u32;
@@ -455,7 +455,7 @@ mod tests {
         let mut sums = vec![0.0; n];
         for run in 0..runs {
             let mut u = vec![0.0; n];
-            Streams::new(5, 0).at(Purpose::Resample, run).uniforms(0, &mut u);
+            uniforms(&StreamKey { seed: [5, 0], step: run, who: 0 }, 0, &mut u);
             for (s, c) in sums.iter_mut().zip(resample(&w, &u).0) {
                 *s += f64::from(c);
             }

@@ -1,4 +1,4 @@
-//! Whether a packet was sealed by a holder of the team's key, for this slot, and is heard for the first time.
+//! Whether a packet was tagged by a holder of the team's key, for this slot, and is heard for the first time.
 
 use std::fmt;
 
@@ -70,22 +70,22 @@ impl Authenticator {
 
     /// The packet with its tag, for the slot of `sender` at `tol_ns`.
     #[must_use]
-    pub fn seal(&self, packet: &[u8], sender: u16, tol_ns: i64) -> Vec<u8> {
+    pub fn append_tag(&self, packet: &[u8], sender: u16, tol_ns: i64) -> Vec<u8> {
         let tag = self.mac(packet, sender, tol_ns).finalize().into_bytes();
-        let mut sealed = Vec::with_capacity(packet.len() + self.tag_bytes);
-        sealed.extend_from_slice(packet);
-        sealed.extend(tag.iter().take(self.tag_bytes));
-        sealed
+        let mut tagged = Vec::with_capacity(packet.len() + self.tag_bytes);
+        tagged.extend_from_slice(packet);
+        tagged.extend(tag.iter().take(self.tag_bytes));
+        tagged
     }
 
     /// The packet without its tag, which is compared in constant time.
     ///
     /// # Errors
-    /// [`LinkError::Unauthentic`] for bytes that no holder of the key sealed for this sender, launch time and mission.
-    pub fn open<'a>(&self, sealed: &'a [u8], sender: u16, tol_ns: i64) -> Result<&'a [u8], LinkError> {
-        let unauthentic = LinkError::Unauthentic { bytes: sealed.len(), sender, tol_ns };
-        let Some(split) = sealed.len().checked_sub(self.tag_bytes) else { return Err(unauthentic) };
-        let (packet, tag) = sealed.split_at(split);
+    /// [`LinkError::Unauthentic`] for bytes that no holder of the key tagged for this sender, launch time and mission.
+    pub fn check_tag<'a>(&self, tagged: &'a [u8], sender: u16, tol_ns: i64) -> Result<&'a [u8], LinkError> {
+        let unauthentic = LinkError::Unauthentic { bytes: tagged.len(), sender, tol_ns };
+        let Some(split) = tagged.len().checked_sub(self.tag_bytes) else { return Err(unauthentic) };
+        let (packet, tag) = tagged.split_at(split);
         match self.mac(packet, sender, tol_ns).verify_truncated_left(tag) {
             Ok(()) => Ok(packet),
             Err(_) => Err(unauthentic),

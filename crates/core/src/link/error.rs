@@ -111,7 +111,7 @@ pub enum LinkError {
         /// Counter of the first packet launched after it.
         upper: u64,
     },
-    /// No holder of the team's key sealed this packet for this slot.
+    /// No holder of the team's key tagged this packet for this slot.
     #[error("packet of {bytes} bytes is not authentic for the slot of vehicle {sender} at {tol_ns} ns")]
     Unauthentic {
         /// Length of what was received, tag included.

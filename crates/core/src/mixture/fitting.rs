@@ -6,7 +6,7 @@ use nalgebra::{SMatrix, SVector};
 
 use super::Mode;
 use crate::kernels::mixture::{mode_log_density, mode_sums, responsibilities};
-use crate::noise::Stream;
+use crate::random::Stream;
 
 /// Which coordinates are angles (radians); the others are lengths.
 pub type Circular<const D: usize> = [bool; D];

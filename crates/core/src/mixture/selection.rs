@@ -6,7 +6,7 @@ use nalgebra::SVector;
 use serde::{Deserialize, Serialize};
 
 use super::{Circular, FitOptions, Fitted, Mode, fit_best};
-use crate::noise::Stream;
+use crate::random::Stream;
 
 /// What chooses the number of modes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

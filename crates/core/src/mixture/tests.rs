@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "tests fail by panicking")]
 
 use super::*;
-use crate::noise::{Purpose, Streams};
+use crate::random::{Purpose, Streams};
 use nalgebra::{Matrix2, Vector2};
 
 fn two_clusters(n: usize) -> (Vec<Vector2<f64>>, Vec<f64>) {

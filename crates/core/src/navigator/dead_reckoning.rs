@@ -5,15 +5,16 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
-use super::common::{Drift, check_event, check_sender, load, save, seconds};
-use super::{Estimate, Navigator, Outcome, Status};
+use super::drift::Drift;
+use super::snapshot::{load, save};
+use super::{Estimate, Navigator, Outcome, Status, check_event, check_sender};
 use crate::error::Error;
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Payload, VehicleId, seconds};
 use crate::kernels::particles::displacement_map;
 
 /// Position, current, compass bias, thrust bias.
 const D: usize = 6;
-type State = SVector<f64, D>;
+type ReckoningVector = SVector<f64, D>;
 type Covariance = SMatrix<f64, D, D>;
 
 /// A Kalman filter over position, current and the two biases that hears nothing but fixes.
@@ -21,15 +22,15 @@ pub struct DeadReckoning {
     own: VehicleId,
     vehicles: usize,
     drift: Drift,
-    core: Core,
+    core: ReckoningState,
 }
 
 #[derive(Clone, Serialize, Deserialize)]
-struct Core {
+struct ReckoningState {
     now_ns: Option<i64>,
     started: bool,
     velocity_mps: [f64; 2],
-    mean: State,
+    mean: ReckoningVector,
     covariance: Covariance,
     rejected: u64,
 }
@@ -44,11 +45,11 @@ impl DeadReckoning {
         if usize::from(own) >= vehicles {
             return Err(Error::UnknownVehicle { vehicle: own, count: vehicles });
         }
-        let core = Core {
+        let core = ReckoningState {
             now_ns: None,
             started: false,
             velocity_mps: [0.0; 2],
-            mean: State::zeros(),
+            mean: ReckoningVector::zeros(),
             covariance: Covariance::zeros(),
             rejected: 0,
         };
@@ -56,7 +57,7 @@ impl DeadReckoning {
     }
 
     /// Mean and covariance moved ahead by `dt_s` with the velocity in force.
-    fn predicted(&self, dt_s: f64) -> (State, Covariance) {
+    fn predicted(&self, dt_s: f64) -> (ReckoningVector, Covariance) {
         let mut transition = Covariance::identity();
         let map = displacement_map::<4>(self.core.velocity_mps, dt_s);
         for (row, columns) in map.iter().enumerate() {

@@ -9,17 +9,20 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use super::common::{Drift, ParticleCore, Radio, check_event, load, save};
+use super::drift::Drift;
+use super::particle_core::ParticleCore;
+use super::radio::Radio;
 use super::range::RangeOptions;
-use super::{Estimate, Navigator, Outcome, Particles};
+use super::snapshot::{load, save};
+use super::{Estimate, Navigator, Outcome, Particles, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
 use crate::kernels::pattern::Pattern;
 use crate::mixture::{Mode, fit};
-use crate::noise::{Purpose, Streams};
 use crate::packet::{Belief, MODES_MAX, PacketKind};
+use crate::random::{Purpose, Streams};
 
 /// Options of `dmpf`; the paper's values are the defaults of the Python layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,12 +57,12 @@ pub struct Dmpf {
     own: VehicleId,
     options: DmpfOptions,
     chart: Option<Arc<Chart>>,
-    state: State,
+    state: DmpfState,
     scratch: Scratch,
 }
 
 #[derive(Serialize, Deserialize)]
-struct State {
+struct DmpfState {
     core: ParticleCore<2>,
     radio: Radio,
     soundings: VecDeque<Sounding>,
@@ -115,7 +118,7 @@ impl Dmpf {
             own,
             options,
             chart,
-            state: State {
+            state: DmpfState {
                 core: ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?,
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
                 soundings: VecDeque::with_capacity(options.window + 1),
@@ -283,7 +286,7 @@ impl Navigator for Dmpf {
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let state: State = load(snapshot)?;
+        let state: DmpfState = load(snapshot)?;
         self.state.core.check_same(&state.core)?;
         self.state.radio.check_same(&state.radio)?;
         self.state = state;

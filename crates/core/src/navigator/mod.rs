@@ -1,15 +1,19 @@
 //! The contract of a navigator, and one module for each method.
 
-pub mod common;
+pub mod authenticated;
 pub mod dead_reckoning;
 pub mod dmpf;
+pub mod drift;
 pub mod landmark;
 pub mod mpf;
-pub mod news;
 pub mod origin;
+pub mod particle_core;
+pub mod radio;
 pub mod range;
-pub mod sealed;
+pub mod range_novelty;
+pub mod snapshot;
 pub mod team;
+pub mod terrain_core;
 pub mod trajectory;
 
 use std::sync::Arc;
@@ -108,7 +112,7 @@ pub trait Navigator: Send {
         false
     }
 
-    /// Whether packets end in the checksum of [`packet::seal`](crate::packet::seal), which a tag then replaces.
+    /// Whether packets end in the checksum of [`packet::append_crc`](crate::packet::append_crc), which a tag then replaces.
     fn has_checksum(&self) -> bool {
         true
     }
@@ -136,7 +140,7 @@ pub trait Navigator: Send {
 }
 
 /// A centralised reference: fed the events of the whole team, transmits nothing.
-pub trait TeamEstimator: Send {
+pub trait CentralEstimator: Send {
     /// As [`Navigator::handle`], for any vehicle. A reception has no bytes.
     ///
     /// # Errors
@@ -171,4 +175,34 @@ pub trait TeamEstimator: Send {
     /// # Errors
     /// As [`Navigator::restore`].
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error>;
+}
+
+/// Whose event it is and whether it is in order, before anything changes.
+///
+/// # Errors
+/// [`Error::WrongVehicle`], [`Error::FromThePast`], or what [`crate::event::Payload::validate`] says.
+pub fn check_event(event: &Event, own: VehicleId, now_ns: Option<i64>) -> Result<(), Error> {
+    if event.vehicle != own {
+        return Err(Error::WrongVehicle { event: event.vehicle, own });
+    }
+    if let Some(now_ns) = now_ns
+        && event.t_ns < now_ns
+    {
+        return Err(Error::FromThePast { event_ns: event.t_ns, now_ns });
+    }
+    event.payload.validate()
+}
+
+/// Refuses a sender that is the receiver itself, or that the team does not have.
+///
+/// # Errors
+/// [`Error::WrongVehicle`], [`Error::UnknownVehicle`].
+pub fn check_sender(sender: VehicleId, own: VehicleId, vehicles: usize) -> Result<(), Error> {
+    if sender == own {
+        return Err(Error::WrongVehicle { event: sender, own });
+    }
+    if usize::from(sender) >= vehicles {
+        return Err(Error::UnknownVehicle { vehicle: sender, count: vehicles });
+    }
+    Ok(())
 }

@@ -3,11 +3,12 @@
 use serde::{Deserialize, Serialize};
 
 use super::Outcome;
-use super::common::{Heard, ParticleCore, Said};
+use super::particle_core::ParticleCore;
+use super::radio::{BroadcastBelief, HeardBelief};
 use crate::kernels::likelihood::{RangeBelief, add_range_gaussian, misfit_to_log_likelihood, range_eq17};
 use crate::kernels::weights::{kernel_entropy, moments};
-use crate::noise::Purpose;
 use crate::packet::Belief;
+use crate::random::Purpose;
 
 /// How a range weighs the particles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -48,7 +49,7 @@ impl RangeOptions {
     }
 }
 
-impl Said {
+impl BroadcastBelief {
     /// Mean, m, and covariance [ee, en, nn], m², of what was said.
     #[must_use]
     pub fn moments(&self) -> ([f64; 2], [f64; 3]) {
@@ -87,7 +88,7 @@ fn gaussian(belief: &Belief) -> ([f64; 2], [f64; 3]) {
 
 impl<const K: usize> ParticleCore<K> {
     /// Weighs the particles by a range that was measured at `toa_ns`, to where the sender believed to be at launch.
-    pub fn range(&mut self, heard: &Heard, toa_ns: i64, options: &RangeOptions) -> Outcome {
+    pub fn range(&mut self, heard: &HeardBelief, toa_ns: i64, options: &RangeOptions) -> Outcome {
         let (true, Some(moved)) = (self.started(), self.displacement_since(toa_ns)) else {
             self.rejected += 1;
             return Outcome::Rejected;
@@ -101,10 +102,12 @@ impl<const K: usize> ParticleCore<K> {
         let mut column = self.cloud.likelihood_column();
         column.fill(0.0);
         match (options.method, &heard.said) {
-            (RangeMethod::Gaussian { temper }, Said::Mixture(modes)) => {
+            (RangeMethod::Gaussian { temper }, BroadcastBelief::Mixture(modes)) => {
                 let modes: Vec<(f64, RangeBelief)> = modes
                     .iter()
-                    .map(|(w, b)| (*w, Said::Gaussian(*b).summary(heard.range_m, moved, options.sigma_m)))
+                    .map(|(w, b)| {
+                        (*w, BroadcastBelief::Gaussian(*b).summary(heard.range_m, moved, options.sigma_m))
+                    })
                     .collect();
                 for ((l, e), n) in column.iter_mut().zip(&self.cloud.east).zip(&self.cloud.north) {
                     let density = modes.iter().map(|(w, b)| {
@@ -118,23 +121,24 @@ impl<const K: usize> ParticleCore<K> {
             (RangeMethod::Gaussian { temper }, _) => {
                 add_range_gaussian(&belief, temper, &self.cloud.east, &self.cloud.north, &mut column);
             }
-            (RangeMethod::Eq17 { .. }, Said::Cloud(cloud)) => {
+            (RangeMethod::Eq17 { .. }, BroadcastBelief::Cloud(cloud)) => {
                 let along = |x: &[f64], by: f64| x.iter().map(|v| v + by).collect::<Vec<_>>();
                 let (e, n) = (along(&cloud.east, moved[0]), along(&cloud.north, moved[1]));
                 let own = &self.cloud;
                 range_eq17(heard.range_m, &e, &n, &cloud.weights, &own.east, &own.north, &mut column);
             }
-            (RangeMethod::Eq17 { samples }, Said::Mixture(modes)) => {
+            (RangeMethod::Eq17 { samples }, BroadcastBelief::Mixture(modes)) => {
                 let samples = if samples == 0 { self.cloud.len() } else { samples };
                 for (share, mode) in modes {
-                    let mode = Said::Gaussian(*mode).summary(heard.range_m, moved, options.sigma_m);
+                    let mode =
+                        BroadcastBelief::Gaussian(*mode).summary(heard.range_m, moved, options.sigma_m);
                     let stream = self.next_stream(Purpose::Belief);
                     let drawn = ((share * samples as f64).round() as usize).max(1);
                     self.cloud.add_belief_misfit(&mode, drawn, &stream, &mut column);
                 }
                 misfit_to_log_likelihood(&mut column);
             }
-            (RangeMethod::Eq17 { samples }, Said::Gaussian(_)) => {
+            (RangeMethod::Eq17 { samples }, BroadcastBelief::Gaussian(_)) => {
                 let samples = if samples == 0 { self.cloud.len() } else { samples };
                 let stream = self.next_stream(Purpose::Belief);
                 self.cloud.belief_likelihood(&belief, samples, &stream, &mut column);

@@ -4,7 +4,9 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::header::{Header, PacketKind, TEAM_MAX};
-use super::{Belief, BitReader, BitWriter, FloatField, PacketError, SEAL_BYTES, UnsignedField, open, seal};
+use super::{
+    Belief, BitReader, BitWriter, CRC_BYTES, FloatField, PacketError, UnsignedField, append_crc, check_crc,
+};
 
 const HEARD_BITS: u32 = TEAM_MAX as u32;
 const COUNT: UnsignedField = UnsignedField { name: "number of beliefs", bits: 10 };
@@ -87,12 +89,12 @@ pub struct BankPacket {
 }
 
 impl BankPacket {
-    /// The packet's bytes, sealed for `sender` and `tol_ns`.
+    /// The packet's bytes, checksum included, for `sender` and `tol_ns`.
     ///
     /// # Errors
     /// [`PacketError::NotFinite`], [`PacketError::NotCovariance`], [`PacketError::OutOfRange`] for too many beliefs.
     pub fn encode(&self, sender: u16, tol_ns: i64) -> Result<Vec<u8>, PacketError> {
-        let mut writer = BitWriter::with_capacity(8 + self.members.len() * MEMBER_BITS / 8 + SEAL_BYTES);
+        let mut writer = BitWriter::with_capacity(8 + self.members.len() * MEMBER_BITS / 8 + CRC_BYTES);
         self.header.write(&mut writer, HEARD_BITS)?;
         COUNT.write(&mut writer, self.members.len() as u64)?;
         for Member { origins, belief } in &self.members {
@@ -104,7 +106,7 @@ impl BankPacket {
             COVARIANCE.write(&mut writer, belief.covariance_m2.m12)?;
             VARIANCE_N.write(&mut writer, belief.covariance_m2.m22)?;
         }
-        Ok(seal(writer.finish(), sender, tol_ns))
+        Ok(append_crc(writer.finish(), sender, tol_ns))
     }
 
     /// Reads what `sender` launched at `tol_ns`. Any bytes give a typed result.
@@ -113,7 +115,7 @@ impl BankPacket {
     /// [`PacketError::Checksum`], [`PacketError::Length`], [`PacketError::InvalidCode`], [`PacketError::NotFinite`],
     /// [`PacketError::NotCovariance`], [`PacketError::Padding`].
     pub fn decode(bytes: &[u8], sender: u16, tol_ns: i64) -> Result<Self, PacketError> {
-        let payload = open(bytes, sender, tol_ns)?;
+        let payload = check_crc(bytes, sender, tol_ns)?;
         let mut reader = BitReader::new(payload);
         let header = Header::read(&mut reader, HEARD_BITS)?;
         if header.kind != PacketKind::Bank {
@@ -122,7 +124,7 @@ impl BankPacket {
         }
         let count = COUNT.read(&mut reader)? as usize;
         if reader.left_bits() / MEMBER_BITS < count {
-            let expected = (count * MEMBER_BITS).div_ceil(8) + 6 + SEAL_BYTES;
+            let expected = (count * MEMBER_BITS).div_ceil(8) + 6 + CRC_BYTES;
             return Err(PacketError::Length { bytes: bytes.len(), expected });
         }
         let mut members = Vec::with_capacity(count);

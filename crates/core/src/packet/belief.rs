@@ -2,16 +2,16 @@
 
 use super::header::{Header, PacketKind, TEAM_MAX};
 use super::{
-    BitReader, BitWriter, CorrelationField, FixedField, FloatField, PacketError, Rounding, SEAL_BYTES,
-    SigmaField, open, seal,
+    BitReader, BitWriter, CRC_BYTES, CorrelationField, FixedField, FloatField, PacketError, Rounding,
+    SigmaField, append_crc, check_crc,
 };
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 /// Length of a packet of kind [`PacketKind::Belief`], checksum included, for any team of up to 16.
-pub const BELIEF_BYTES: usize = (Header::bits(HEARD_BITS) as usize + 66).div_ceil(8) + SEAL_BYTES;
+pub const BELIEF_BYTES: usize = (Header::bits(HEARD_BITS) as usize + 66).div_ceil(8) + CRC_BYTES;
 /// Length of a packet of kind [`PacketKind::BeliefF64`], checksum included.
-pub const BELIEF_F64_BYTES: usize = (Header::bits(HEARD_BITS) as usize + 5 * 64).div_ceil(8) + SEAL_BYTES;
+pub const BELIEF_F64_BYTES: usize = (Header::bits(HEARD_BITS) as usize + 5 * 64).div_ceil(8) + CRC_BYTES;
 
 const HEARD_BITS: u32 = TEAM_MAX as u32;
 const EAST: FixedField = coordinate("mean easting");
@@ -86,7 +86,7 @@ pub struct BeliefPacket {
 }
 
 impl BeliefPacket {
-    /// The packet's bytes, sealed for the `sender` (index in the team) and launch time `tol_ns` of its slot.
+    /// The packet's bytes, checksum included, for the `sender` (index in the team) and launch time `tol_ns` of its slot.
     ///
     /// # Errors
     /// [`PacketError::NotFinite`], [`PacketError::OutOfRange`] naming the field that cannot hold its value,
@@ -100,7 +100,7 @@ impl BeliefPacket {
             PacketKind::BeliefF64 => self.belief.write_f64(&mut writer)?,
             other => return Err(not_a_belief(other)),
         }
-        Ok(seal(writer.finish(), sender, tol_ns))
+        Ok(append_crc(writer.finish(), sender, tol_ns))
     }
 
     /// Reads a packet of either form that `sender` launched at `tol_ns`. Any bytes give a typed result.
@@ -110,7 +110,7 @@ impl BeliefPacket {
     /// [`PacketError::InvalidCode`], [`PacketError::Padding`], [`PacketError::NotFinite`] and
     /// [`PacketError::NotCovariance`] for what a correct sender never sends.
     pub fn decode(bytes: &[u8], sender: u16, tol_ns: i64) -> Result<Self, PacketError> {
-        let payload = open(bytes, sender, tol_ns)?;
+        let payload = check_crc(bytes, sender, tol_ns)?;
         let expected = match Header::peek_kind(payload)? {
             PacketKind::Belief => BELIEF_BYTES,
             PacketKind::BeliefF64 => BELIEF_F64_BYTES,

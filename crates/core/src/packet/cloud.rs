@@ -1,7 +1,7 @@
 //! A whole cloud of particles as a packet, for studies without a limit on bandwidth.
 
 use super::header::{Header, PacketKind, TEAM_MAX};
-use super::{BitReader, BitWriter, FloatField, PacketError, SEAL_BYTES, UnsignedField, open, seal};
+use super::{BitReader, BitWriter, CRC_BYTES, FloatField, PacketError, UnsignedField, append_crc, check_crc};
 
 const HEARD_BITS: u32 = TEAM_MAX as u32;
 const COUNT: UnsignedField = UnsignedField { name: "number of particles", bits: 24 };
@@ -29,12 +29,12 @@ pub struct CloudPacket {
 }
 
 impl CloudPacket {
-    /// The packet's bytes, sealed for `sender` and `tol_ns`.
+    /// The packet's bytes, checksum included, for `sender` and `tol_ns`.
     ///
     /// # Errors
     /// [`PacketError::NotFinite`], [`PacketError::OutOfRange`] naming the field.
     pub fn encode(&self, sender: u16, tol_ns: i64) -> Result<Vec<u8>, PacketError> {
-        let mut writer = BitWriter::with_capacity(8 + self.east.len() * PARTICLE_BITS / 8 + SEAL_BYTES);
+        let mut writer = BitWriter::with_capacity(8 + self.east.len() * PARTICLE_BITS / 8 + CRC_BYTES);
         self.header.write(&mut writer, HEARD_BITS)?;
         COUNT.write(&mut writer, self.east.len() as u64)?;
         for ((e, n), w) in self.east.iter().zip(&self.north).zip(&self.weights) {
@@ -42,7 +42,7 @@ impl CloudPacket {
             NORTH.write(&mut writer, *n)?;
             WEIGHT.write(&mut writer, *w)?;
         }
-        Ok(seal(writer.finish(), sender, tol_ns))
+        Ok(append_crc(writer.finish(), sender, tol_ns))
     }
 
     /// Reads what `sender` launched at `tol_ns`. Any bytes give a typed result.
@@ -51,7 +51,7 @@ impl CloudPacket {
     /// [`PacketError::Checksum`], [`PacketError::Length`], [`PacketError::InvalidCode`], [`PacketError::NotFinite`], or
     /// [`PacketError::OutOfRange`] for weights that are negative or do not sum to one.
     pub fn decode(bytes: &[u8], sender: u16, tol_ns: i64) -> Result<Self, PacketError> {
-        let payload = open(bytes, sender, tol_ns)?;
+        let payload = check_crc(bytes, sender, tol_ns)?;
         let mut reader = BitReader::new(payload);
         let header = Header::read(&mut reader, HEARD_BITS)?;
         if header.kind != PacketKind::Cloud {
@@ -62,7 +62,7 @@ impl CloudPacket {
         }
         let count = COUNT.read(&mut reader)? as usize;
         if reader.left_bits() / PARTICLE_BITS < count {
-            let expected = (count * PARTICLE_BITS).div_ceil(8) + 8 + SEAL_BYTES;
+            let expected = (count * PARTICLE_BITS).div_ceil(8) + 8 + CRC_BYTES;
             return Err(PacketError::Length { bytes: bytes.len(), expected });
         }
         let mut cloud = Self {

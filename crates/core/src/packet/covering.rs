@@ -259,3 +259,29 @@ pub(super) fn read_entries(
     let codes = shape.entries.iter().map(|_| take_signed(reader, bits));
     Ok(entries_of(shape, bits, scale, &codes.collect::<Result<Vec<_>, _>>()?))
 }
+
+/// How far x and y may differ, or be coupled, for the isotropic form, relative.
+const ISOTROPIC: f64 = 1e-6;
+
+/// Refuses what one number for x and y cannot say.
+pub(super) fn check_isotropic(matrix: &NodeMatrix) -> Result<(), PacketError> {
+    let scale = |r: usize, c: usize| {
+        let diagonal =
+            |k: usize| (0..4).map(|j| matrix[(k, j)].abs().max(matrix[(j, k)].abs())).fold(0.0, f64::max);
+        ISOTROPIC * diagonal(r).max(diagonal(c)).max(f64::MIN_POSITIVE)
+    };
+    for (r, c) in [(0, 0), (0, 2), (2, 0), (2, 2)] {
+        let apart = (matrix[(r, c)] - matrix[(r + 1, c + 1)]).abs();
+        let coupled = matrix[(r, c + 1)].abs().max(matrix[(r + 1, c)].abs());
+        if apart.max(coupled) > scale(r, c) {
+            return Err(PacketError::NotIsotropic { apart: apart.max(coupled) });
+        }
+    }
+    Ok(())
+}
+
+/// The Cholesky factor L of a covariance L Lᵀ.
+pub(super) fn root_of(covariance: &NodeMatrix) -> Result<NodeMatrix, PacketError> {
+    let cholesky = symmetrized(covariance).cholesky();
+    Ok(cholesky.ok_or(PacketError::NotPositiveDefinite { field: "covariance" })?.l())
+}

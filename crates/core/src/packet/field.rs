@@ -4,7 +4,7 @@
 //! check), `decode` (code to value), and `write`/`read` that move the code through a [`BitWriter`] or [`BitReader`].
 
 use super::bits::mask;
-use super::layout::{Scale, Step, explain};
+use super::layout::{FieldStep, Scale, explain};
 use super::{BitReader, BitWriter, PacketError};
 use std::f64::consts::TAU;
 
@@ -137,7 +137,7 @@ impl FixedField {
             unit: self.unit,
             minimum: self.decode(minimum),
             maximum: self.decode(maximum),
-            step: Step::Linear(self.steps_per_unit.recip()),
+            step: FieldStep::Linear(self.steps_per_unit.recip()),
             rounding: self.rounding,
         });
         Ok(())
@@ -240,7 +240,7 @@ impl AngleField {
             unit: "rad",
             minimum: -TAU / 2.0,
             maximum: TAU / 2.0 - self.step_rad(),
-            step: Step::Linear(self.step_rad()),
+            step: FieldStep::Linear(self.step_rad()),
             rounding: Rounding::Nearest,
         });
         Ok(())

@@ -17,14 +17,14 @@ pub struct Scale {
     /// Greatest value.
     pub maximum: f64,
     /// What one code more means.
-    pub step: Step,
+    pub step: FieldStep,
     /// Which code stands for a value between two.
     pub rounding: Rounding,
 }
 
 /// What one code more means.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Step {
+pub enum FieldStep {
     /// So much more, in the field's unit.
     Linear(f64),
     /// So many times as much.
@@ -104,7 +104,7 @@ pub(super) fn note_end_of_payload(bytes: usize) {
         notes.as_ref().map_or(bytes * 8, |notes| notes.iter().map(FieldUse::total_bits).sum())
     });
     note("zero bits", (bytes * 8).saturating_sub(written) as u32);
-    note(CHECKSUM, super::SEAL_BYTES as u32 * 8);
+    note(CHECKSUM, super::CRC_BYTES as u32 * 8);
 }
 
 /// Notes a tag of so many bits; it may have taken the checksum's place.
@@ -176,7 +176,10 @@ mod tests {
         assert_eq!(widths, [4, 8, 10, 16, 20, 20, 8, 8, 10, 16]);
         let scale = |name: &str| fields.iter().find(|f| f.name == name).unwrap().scale.clone().unwrap();
         let east = scale("mean easting");
-        assert_eq!((east.minimum, east.maximum, east.step), (-32768.0, 32767.9375, Step::Linear(1.0 / 16.0)));
+        assert_eq!(
+            (east.minimum, east.maximum, east.step),
+            (-32768.0, 32767.9375, FieldStep::Linear(1.0 / 16.0))
+        );
         let sigma = scale("sigma of easting");
         assert_eq!((sigma.minimum, sigma.rounding), (0.0625, Rounding::Up));
         assert!((sigma.maximum - 3922.0).abs() < 0.5);

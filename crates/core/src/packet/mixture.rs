@@ -1,7 +1,7 @@
 //! A position belief of a few modes as a packet (Tan, Chitre & Hover 2016, section 7).
 
 use super::header::{Header, PacketKind, TEAM_MAX};
-use super::{Belief, BitReader, BitWriter, PacketError, UnsignedField, open, seal};
+use super::{Belief, BitReader, BitWriter, PacketError, UnsignedField, append_crc, check_crc};
 
 const HEARD_BITS: u32 = TEAM_MAX as u32;
 const COUNT: UnsignedField = UnsignedField { name: "number of modes less one", bits: 2 };
@@ -27,7 +27,7 @@ pub struct MixturePacket {
 }
 
 impl MixturePacket {
-    /// The packet's bytes, sealed for `sender` and `tol_ns`.
+    /// The packet's bytes, checksum included, for `sender` and `tol_ns`.
     ///
     /// # Errors
     /// [`PacketError::OutOfRange`] for no or too many modes or a share outside 0 to 1, and what a belief refuses.
@@ -49,7 +49,7 @@ impl MixturePacket {
             belief.check()?;
             belief.write_rounded(&mut writer)?;
         }
-        Ok(seal(writer.finish(), sender, tol_ns))
+        Ok(append_crc(writer.finish(), sender, tol_ns))
     }
 
     /// Reads what `sender` launched at `tol_ns`. Any bytes give a typed result.
@@ -57,7 +57,7 @@ impl MixturePacket {
     /// # Errors
     /// As [`BeliefPacket::decode`](super::BeliefPacket::decode).
     pub fn decode(bytes: &[u8], sender: u16, tol_ns: i64) -> Result<Self, PacketError> {
-        let mut reader = BitReader::new(open(bytes, sender, tol_ns)?);
+        let mut reader = BitReader::new(check_crc(bytes, sender, tol_ns)?);
         let header = Header::read(&mut reader, HEARD_BITS)?;
         if header.kind != PacketKind::Mixture {
             return Err(PacketError::InvalidCode {

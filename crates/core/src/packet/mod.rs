@@ -6,7 +6,7 @@
 //!   Sigmas round up and correlations toward zero, so that rounding never overstates knowledge.
 //! * [`Header`]: what every packet starts with.
 //! * [`BeliefPacket`]: mean and covariance of a position, in 15 bytes or as `f64`.
-//! * [`seal`], [`open`]: the checksum at the end.
+//! * [`append_crc`], [`check_crc`]: the checksum at the end.
 //!
 //! # A packet on the channel
 //!
@@ -26,8 +26,8 @@
 //!
 //! A checksum finds accidents, not forgers. A tag, computed with the team's key over the payload and
 //! [`implied_bytes`], finds both, so it takes the checksum's place on the channel:
-//! [`Sealed`](crate::navigator::sealed::Sealed) puts a [`link::Authenticator`](crate::link::Authenticator) around any
-//! navigator, no layout knows of it, and a tag of n bytes costs n − [`SEAL_BYTES`].
+//! [`Authenticated`](crate::navigator::authenticated::Authenticated) puts a [`link::Authenticator`](crate::link::Authenticator) around any
+//! navigator, no layout knows of it, and a tag of n bytes costs n − [`CRC_BYTES`].
 
 mod bank;
 mod belief;
@@ -37,8 +37,6 @@ mod covering;
 mod error;
 mod field;
 pub mod graph;
-mod graph_lag;
-pub mod graph_rounded;
 mod header;
 pub mod landmark;
 pub mod layout;
@@ -64,8 +62,8 @@ pub use uncertainty::{CorrelationField, SigmaField};
 
 use crc::{CRC_16_IBM_3740, Crc};
 
-/// Bytes that [`seal`] adds to a payload.
-pub const SEAL_BYTES: usize = 2;
+/// Bytes that [`append_crc`] adds to a payload.
+pub const CRC_BYTES: usize = 2;
 
 const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);
 
@@ -87,20 +85,20 @@ fn checksum(payload: &[u8], sender: u16, tol_ns: i64) -> u16 {
 
 /// Appends the CRC-16 over `payload` and the implied fields `sender` (index in the team) and `tol_ns` (launch time).
 #[must_use]
-pub fn seal(mut payload: Vec<u8>, sender: u16, tol_ns: i64) -> Vec<u8> {
+pub fn append_crc(mut payload: Vec<u8>, sender: u16, tol_ns: i64) -> Vec<u8> {
     let crc = checksum(&payload, sender, tol_ns);
     layout::note_end_of_payload(payload.len());
     payload.extend_from_slice(&crc.to_be_bytes());
     payload
 }
 
-/// Checks what [`seal`] appended, for the sender and launch time that the slot implies, and returns the payload.
+/// Checks what [`append_crc`] appended, for the sender and launch time that the slot implies, and returns the payload.
 ///
 /// # Errors
 /// [`PacketError::Length`] when there is no room for a checksum, [`PacketError::Checksum`] when it disagrees.
-pub fn open(bytes: &[u8], sender: u16, tol_ns: i64) -> Result<&[u8], PacketError> {
-    let Some((payload, tail)) = bytes.split_last_chunk::<SEAL_BYTES>() else {
-        return Err(PacketError::Length { bytes: bytes.len(), expected: SEAL_BYTES });
+pub fn check_crc(bytes: &[u8], sender: u16, tol_ns: i64) -> Result<&[u8], PacketError> {
+    let Some((payload, tail)) = bytes.split_last_chunk::<CRC_BYTES>() else {
+        return Err(PacketError::Length { bytes: bytes.len(), expected: CRC_BYTES });
     };
     let received = u16::from_be_bytes(*tail);
     let computed = checksum(payload, sender, tol_ns);

@@ -59,7 +59,7 @@ fn layout_and_checksum_are_the_documented_ones() {
 fn every_flipped_bit_is_found() {
     for kind in [PacketKind::Belief, PacketKind::BeliefF64] {
         let bytes = packet(kind, (120.0, -7.0), (3.0, 2.0), -0.3).encode(2, 9_000_000_000).unwrap();
-        assert!(open(&bytes, 2, 9_000_000_000).is_ok());
+        assert!(check_crc(&bytes, 2, 9_000_000_000).is_ok());
         for first in 0..bytes.len() * 8 {
             for second in first..bytes.len() * 8 {
                 let mut damaged = bytes.clone();
@@ -79,14 +79,15 @@ fn another_sender_or_slot_is_found() {
     let tol_ns = 301 * 1_000_000_000;
     let bytes = packet(PacketKind::Belief, (0.0, 0.0), (3.0, 2.0), 0.0).encode(2, tol_ns).unwrap();
     for sender in (0..=u16::MAX).filter(|sender| *sender != 2) {
-        assert!(open(&bytes, sender, tol_ns).is_err(), "sender {sender}");
+        assert!(check_crc(&bytes, sender, tol_ns).is_err(), "sender {sender}");
     }
     // 16 bits cannot tell all times apart; a day of one-second slots has about 1.3 coincidences.
-    let confused = (0..86_400i64).filter(|s| open(&bytes, 2, s * 1_000_000_000).is_ok() && *s != 301).count();
+    let confused =
+        (0..86_400i64).filter(|s| check_crc(&bytes, 2, s * 1_000_000_000).is_ok() && *s != 301).count();
     assert!(confused <= 6, "{confused} of 86,399 other launch times pass");
     for s in 1..60 {
-        assert!(open(&bytes, 2, tol_ns + s * 1_000_000_000).is_err());
-        assert!(open(&bytes, 2, tol_ns - s * 1_000_000_000).is_err());
+        assert!(check_crc(&bytes, 2, tol_ns + s * 1_000_000_000).is_err());
+        assert!(check_crc(&bytes, 2, tol_ns - s * 1_000_000_000).is_err());
     }
 }
 
@@ -167,14 +168,14 @@ fn random_bytes_give_a_typed_result() {
         };
         let bytes = &buffer[..length];
         let tol_ns = noise.next() as i64;
-        opened += usize::from(open(bytes, trial as u16, tol_ns).is_ok());
+        opened += usize::from(check_crc(bytes, trial as u16, tol_ns).is_ok());
         let _ = BeliefPacket::decode(bytes, trial as u16, tol_ns);
         // Behind a valid checksum, with a known kind in half of them: the fields themselves.
-        let mut payload = bytes[..length.saturating_sub(SEAL_BYTES)].to_vec();
+        let mut payload = bytes[..length.saturating_sub(CRC_BYTES)].to_vec();
         if let Some(first) = payload.first_mut().filter(|_| trial & 4 == 0) {
             *first = (*first & 0x0F) | (1 << 4 << (trial >> 3 & 1));
         }
-        if let Ok(packet) = BeliefPacket::decode(&seal(payload, 1, 2), 1, 2) {
+        if let Ok(packet) = BeliefPacket::decode(&append_crc(payload, 1, 2), 1, 2) {
             decoded += 1;
             assert!(
                 least_eigenvalue(&packet.belief.covariance_m2) >= -1e-9 * packet.belief.covariance_m2.trace()
@@ -255,15 +256,18 @@ fn padding_must_be_zero_and_short() {
     let good = packet(PacketKind::BeliefF64, (0.0, 0.0), (3.0, 2.0), 0.0).encode(0, 0).unwrap();
     let mut payload = good[..45].to_vec();
     payload[44] |= 1;
-    let result = BeliefPacket::decode(&seal(payload.clone(), 0, 0), 0, 0);
+    let result = BeliefPacket::decode(&append_crc(payload.clone(), 0, 0), 0, 0);
     assert_eq!(result, Err(PacketError::Padding { left_bits: 2, value: 1 }));
     payload.push(0);
-    let result = BeliefPacket::decode(&seal(payload, 0, 0), 0, 0);
+    let result = BeliefPacket::decode(&append_crc(payload, 0, 0), 0, 0);
     assert_eq!(result, Err(PacketError::Length { bytes: 48, expected: 47 }));
     let long = BitReader::new(&[0; 9]).finish();
     assert_eq!(long, Err(PacketError::Padding { left_bits: 72, value: 0 }));
-    assert!(matches!(open(&[1], 0, 0), Err(PacketError::Length { .. })));
-    assert!(matches!(BeliefPacket::decode(&seal(vec![], 0, 0), 0, 0), Err(PacketError::Truncated { .. })));
+    assert!(matches!(check_crc(&[1], 0, 0), Err(PacketError::Length { .. })));
+    assert!(matches!(
+        BeliefPacket::decode(&append_crc(vec![], 0, 0), 0, 0),
+        Err(PacketError::Truncated { .. })
+    ));
 }
 
 proptest! {

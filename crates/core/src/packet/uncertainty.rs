@@ -2,7 +2,7 @@
 
 use super::bits::mask;
 use super::field::{finite, sign_extend, width};
-use super::layout::{Scale, Step, explain};
+use super::layout::{FieldStep, Scale, explain};
 use super::{BitReader, BitWriter, PacketError, Rounding};
 
 /// Largest |log₂ σ| that a [`SigmaField`] may reach: variances stay well inside the range of `f64`.
@@ -100,7 +100,7 @@ impl SigmaField {
             unit: self.unit,
             minimum: self.decode(0),
             maximum: self.decode(last),
-            step: Step::Factor(f64::from(self.steps_per_octave).recip().exp2()),
+            step: FieldStep::Factor(f64::from(self.steps_per_octave).recip().exp2()),
             rounding: Rounding::Up,
         });
         Ok(())
@@ -200,7 +200,7 @@ impl CorrelationField {
             unit: "",
             minimum: self.decode(-last),
             maximum: self.decode(last),
-            step: Step::Atanh(self.steps_per_unit.recip()),
+            step: FieldStep::Atanh(self.steps_per_unit.recip()),
             rounding: Rounding::TowardZero,
         });
         Ok(())

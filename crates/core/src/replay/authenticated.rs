@@ -1,27 +1,27 @@
 //! A team whose packets carry tags.
 
-use super::{Replay, Team};
+use super::{Estimators, Replay};
 use crate::error::Error;
 use crate::event::VehicleId;
 use crate::link::Authenticator;
 use crate::navigator::Navigator;
-use crate::navigator::sealed::Sealed;
+use crate::navigator::authenticated::Authenticated;
 
-impl Team {
-    /// The same team with every vehicle's packets sealed and checked. A centralised estimator sends none.
+impl Estimators {
+    /// The same team with every vehicle's packets tagged and checked. A centralised estimator sends none.
     #[must_use]
-    pub fn sealed(self, authenticator: &Authenticator) -> Self {
+    pub fn authenticated(self, authenticator: &Authenticator) -> Self {
         let Self::Each(navigators) = self else { return self };
         let vehicles = navigators.len();
-        let seal = |(own, navigator): (usize, Box<dyn Navigator>)| -> Box<dyn Navigator> {
-            Box::new(Sealed::new(navigator, own as VehicleId, vehicles, authenticator.clone()))
+        let authenticate = |(own, navigator): (usize, Box<dyn Navigator>)| -> Box<dyn Navigator> {
+            Box::new(Authenticated::new(navigator, own as VehicleId, vehicles, authenticator.clone()))
         };
-        Self::Each(navigators.into_iter().enumerate().map(seal).collect())
+        Self::Each(navigators.into_iter().enumerate().map(authenticate).collect())
     }
 }
 
 impl Replay {
-    /// Seals the team's packets from here on; before anything has happened.
+    /// Tags the packets of every vehicle, and checks them, from here on; before anything has happened.
     ///
     /// # Errors
     /// [`Error::OutOfBound`] once the replay has begun.
@@ -34,8 +34,8 @@ impl Replay {
                 bound: "0",
             });
         }
-        let team = std::mem::replace(&mut self.team, Team::Each(Vec::new()));
-        self.team = team.sealed(authenticator);
+        let team = std::mem::replace(&mut self.team, Estimators::Each(Vec::new()));
+        self.team = team.authenticated(authenticator);
         Ok(())
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Poll, Team};
+use super::{Estimators, Poll};
 use crate::event::VehicleId;
 use crate::navigator::{Estimate, Status};
 
@@ -119,7 +119,7 @@ impl Record {
     }
 
     /// Writes down every vehicle's estimate at the cursor's instant and moves the cursor.
-    pub fn sample(&mut self, team: &Team, cursor: &mut usize) {
+    pub fn sample(&mut self, team: &Estimators, cursor: &mut usize) {
         let t_ns = self.sample_ns[*cursor];
         for vehicle in 0..self.tracks.vehicles {
             let at = vehicle * self.sample_ns.len() + *cursor;
@@ -158,7 +158,7 @@ impl Record {
         }
     }
 
-    fn cloud(&mut self, team: &Team, vehicle: usize, t_ns: i64) {
+    fn cloud(&mut self, team: &Estimators, vehicle: usize, t_ns: i64) {
         let Some(particles) = team.particles(vehicle) else { return };
         self.tracks.clouds.push(CloudRecord {
             t_ns,

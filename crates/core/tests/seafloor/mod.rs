@@ -8,13 +8,13 @@ use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
-use uwcoop_core::navigator::landmark::jump::JumpRule;
-use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, Reading, wrap};
+use uwcoop_core::navigator::landmark::jump_hypotheses::JumpRule;
+use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading, wrap};
 use uwcoop_core::navigator::landmark::{
-    Averaged, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
+    BiasModelAverage, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
 };
-use uwcoop_core::noise::{Purpose, Streams};
 use uwcoop_core::packet::landmark::{ExchangeFormat, ExchangeSize};
+use uwcoop_core::random::{Purpose, Streams};
 
 pub const SECOND: i64 = 1_000_000_000;
 const STEP: i64 = SECOND / 5;
@@ -79,7 +79,7 @@ pub fn paper_options(particles: usize) -> PaperOptions {
         sigma_velocity: [0.00084, 0.038],
         speed_bounds_mps: [0.05, 0.5],
         sigma_yaw_rate_radps: SIGMA_TURN,
-        monitor: Some(MonitorRule { ratio: 0.6, trials: 2, reading: Reading::Log }),
+        monitor: Some(MonitorRule { ratio: 0.6, trials: 2, reading: RatioReading::Log }),
         replace_share: 0.5,
         first_landmark: [0.0; 3],
         packet: packet(ExchangeSize::B32),
@@ -92,7 +92,10 @@ pub fn navigators(own: VehicleId, vehicles: usize) -> Vec<(&'static str, Box<dyn
     biased.bias_sigma = [0.01 * DEGREE, 0.01, 0.5 * DEGREE];
     vec![
         ("landmark", Box::new(Landmark::new(own, vehicles, robust_options(), 7).unwrap())),
-        ("landmark averaged over biases", Box::new(Averaged::new(own, vehicles, biased, 7, 0.5).unwrap())),
+        (
+            "landmark averaged over biases",
+            Box::new(BiasModelAverage::new(own, vehicles, biased, 7, 0.5).unwrap()),
+        ),
         ("landmark with biases", Box::new(Landmark::new(own, vehicles, biased, 7).unwrap())),
         ("landmark-paper", Box::new(LandmarkPaper::new(own, vehicles, paper_options(300), 7).unwrap())),
     ]

@@ -9,14 +9,15 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector2};
 use uwcoop_core::chart::{Chart, SigmaMap};
 use uwcoop_core::event::{Event, Payload, VehicleId};
-use uwcoop_core::navigator::common::Drift;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
-use uwcoop_core::navigator::mpf::{MonitorOptions, Mpf, MpfOptions};
+use uwcoop_core::navigator::drift::Drift;
+use uwcoop_core::navigator::mpf::{Mpf, MpfOptions};
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
+use uwcoop_core::navigator::terrain_core::{MonitorOptions, TerrainOptions};
 use uwcoop_core::navigator::{Navigator, Outcome};
-use uwcoop_core::noise::{Purpose, Streams};
 use uwcoop_core::packet::{Belief, BeliefPacket, Header, HeardBitmap, PacketKind};
+use uwcoop_core::random::{Purpose, Streams};
 
 /// Nanoseconds in a second.
 pub const SECOND: i64 = 1_000_000_000;
@@ -88,30 +89,32 @@ pub fn dmpf_options(particles: usize) -> DmpfOptions {
 /// `mpf` as packaged for a perfect chart.
 pub fn mpf_options(particles: usize) -> MpfOptions {
     MpfOptions {
-        particles,
-        resample_share: 2.0 / 3.0,
-        sigma_depth_m: None,
-        sigma_offset0_m: 1.0,
-        sigma_offset_m_per_sounding: 0.002,
-        student_dof: f64::INFINITY,
-        correlation_length_m: None,
-        sigma_map_m: None,
-        sounding_spacing_m: 0.0,
-        least_ess_share: 0.02,
-        monitor: Some(MonitorOptions {
-            forgetting: 0.05,
-            clip: 25.0,
-            alarm: 6.0,
-            spread_m: 10.0,
-            repeat_spread_m: 25.0,
-            spread_current_mps: 0.1,
-            quiet_s: 20.0,
-            repeat_s: 100.0,
-        }),
+        terrain: TerrainOptions {
+            particles,
+            resample_share: 2.0 / 3.0,
+            sigma_depth_m: None,
+            sigma_offset0_m: 1.0,
+            sigma_offset_m_per_sounding: 0.002,
+            student_dof: f64::INFINITY,
+            correlation_length_m: None,
+            sigma_map_m: None,
+            sounding_spacing_m: 0.0,
+            least_ess_share: 0.02,
+            monitor: Some(MonitorOptions {
+                forgetting: 0.05,
+                clip: 25.0,
+                alarm: 6.0,
+                spread_m: 10.0,
+                repeat_spread_m: 25.0,
+                spread_current_mps: 0.1,
+                quiet_s: 20.0,
+                repeat_s: 100.0,
+            }),
+            drift: drift(),
+        },
         range: range(GAUSSIAN, 6.0),
-        range_news: true,
+        range_novelty: true,
         packet: PacketKind::Belief,
-        drift: drift(),
     }
 }
 
@@ -161,7 +164,7 @@ pub fn fix(t_ns: i64, vehicle: VehicleId, position_m: [f64; 2], variance_m2: f64
     event(t_ns, vehicle, Payload::Fix { position_m, covariance_m2: [variance_m2, 0.0, variance_m2] })
 }
 
-/// A sealed belief of `sender` at `position_m`, launched at `tol_ns` as its `sequence`-th packet.
+/// A belief packet of `sender` at `position_m`, launched at `tol_ns` as its `sequence`-th packet.
 pub fn packet(sender: VehicleId, tol_ns: i64, sequence: u8, position_m: [f64; 2], depth_m: f64) -> Arc<[u8]> {
     let header = Header { kind: PacketKind::Belief, sequence, depth_m, heard: HeardBitmap::default() };
     let belief =

@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::joint::carried;
 use super::model::wrap;
 use super::odometry::Increment;
+use super::pose_algebra::carried;
 
 /// When to believe the positionings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -2,14 +2,15 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::joint::{Channels, Correction, at_transmit, seen};
+use super::joint::{Channels, Correction};
 use super::model::{Measurement, offsets};
 use super::odometry::Increment;
-use super::robust::{Landmark, State};
-use super::scatter::Scatter;
+use super::particles::JointParticles;
+use super::pose_algebra::{at_transmit, seen};
+use super::robust::{Landmark, LandmarkState};
 use crate::event::VehicleId;
 use crate::navigator::Outcome;
-use crate::noise::Purpose;
+use crate::random::Purpose;
 
 impl Landmark {
     pub(super) fn positioning(
@@ -18,13 +19,13 @@ impl Landmark {
         transmit_ns: i64,
         measured: &Measurement,
     ) -> Outcome {
-        if !self.options.use_fixes || self.state.exchanges.is_landmark || !self.state.positioned {
+        if !self.options.use_fixes || self.state.role_exchange.is_landmark || !self.state.positioned {
             return Outcome::Noted;
         }
         self.settle();
         let delay = self.state.odometer.since_ns(transmit_ns);
         let placed = seen(measured, self.options.acoustics.sigma, &delay, &self.state.joint.bias());
-        if self.state.exchanges.landmark != Some(peer)
+        if self.state.role_exchange.landmark != Some(peer)
             && let Some(outcome) = self.change_landmark(peer, placed)
         {
             return outcome;
@@ -61,21 +62,21 @@ impl Landmark {
         let told = self.state.pending.take_if(|(sender, _)| *sender == peer);
         if let Some((_, pair)) = told {
             self.gaussian();
-            self.state.joint.follow(&pair);
-        } else if self.state.exchanges.landmark.is_some() || !self.state.exchanges.first {
+            self.state.joint.adopt_landmark(&pair);
+        } else if self.state.role_exchange.landmark.is_some() || !self.state.role_exchange.first {
             let Some((pose, covariance)) = placed else { return Some(self.gated()) };
             self.gaussian();
             self.state.joint.place_landmark(&pose, &covariance);
-            self.follow(peer);
+            self.adopt_landmark(peer);
             return Some(Outcome::Fused);
         }
-        self.follow(peer);
+        self.adopt_landmark(peer);
         None
     }
 
-    pub(super) fn follow(&mut self, peer: VehicleId) {
-        self.state.exchanges.landmark = Some(peer);
-        self.state.exchanges.first = false;
+    pub(super) fn adopt_landmark(&mut self, peer: VehicleId) {
+        self.state.role_exchange.landmark = Some(peer);
+        self.state.role_exchange.first = false;
         self.state.consensus.clear();
         self.state.jumps.clear();
     }
@@ -100,7 +101,7 @@ impl Landmark {
         match &self.state.scatter {
             None if !straight => {
                 let stream = self.stream(Purpose::Initial);
-                let scatter = Scatter::of(&self.state.joint, self.options.particles, &stream);
+                let scatter = JointParticles::of(&self.state.joint, self.options.particles, &stream);
                 self.state.scatter = Some(scatter);
                 self.state.jumps.clear();
                 self.state.counts.core_changes += 1;
@@ -127,7 +128,7 @@ impl Landmark {
         let believed = correction.log_evidence;
         self.state.log_evidence += believed;
         let Some(rule) = self.options.jump else { return self.tally(&correction) };
-        let State { jumps, joint, counts, log_evidence, .. } = &mut self.state;
+        let LandmarkState { jumps, joint, counts, log_evidence, .. } = &mut self.state;
         if let Some(gained) = jumps.weigh(joint, believed, measured, delay, &channels, &rule) {
             counts.resets += 1;
             *log_evidence += gained;

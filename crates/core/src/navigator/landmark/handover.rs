@@ -2,48 +2,54 @@
 
 use std::sync::Arc;
 
-use super::joint::Pair;
-use super::rest::{Rest, Sent};
-use super::robust::{Landmark, PACKET_ANGLES, State};
+use super::broadcast_belief::SentBelief;
+use super::joint_exchange::Pair;
+use super::robust::{Landmark, LandmarkState, PACKET_ANGLES};
+use super::stationary_gyro::StationaryGyro;
 use crate::error::Error;
 use crate::event::VehicleId;
 use crate::mixture::{Mode, select};
 use crate::navigator::Outcome;
-use crate::noise::Purpose;
 use crate::packet::PacketError;
+use crate::random::Purpose;
 
 impl Landmark {
     pub(super) fn reception(&mut self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Outcome {
         if !self.options.use_fixes || !self.state.positioned {
             return Outcome::Noted;
         }
-        let known = if self.state.exchanges.is_landmark {
+        let known = if self.state.role_exchange.is_landmark {
             self.state.joint.own()
         } else {
             self.state.joint.landmark()
         };
-        let packet =
-            self.state.exchanges.receive(sender, tol_ns, bytes, [known[0], known[1]], &self.options.packet);
+        let packet = self.state.role_exchange.receive(
+            sender,
+            tol_ns,
+            bytes,
+            [known[0], known[1]],
+            &self.options.packet,
+        );
         let Some(pair) = packet.and_then(|p| Pair::of(&p.modes)) else {
             self.state.counts.rejected += 1;
             return Outcome::Rejected;
         };
         self.settle();
-        if self.state.exchanges.is_landmark {
+        if self.state.role_exchange.is_landmark {
             self.gaussian();
             // A repeated packet replaces the one before: both stand on what was sent, not on each other.
             let sent = match &self.state.sent {
                 Some(sent) => sent.clone(),
-                None => Sent { joint: self.state.joint.clone(), rest: Rest::default() },
+                None => SentBelief { joint: self.state.joint.clone(), gyro: StationaryGyro::default() },
             };
-            self.state.joint.take_over(&sent.joint, &pair);
-            sent.rest.apply(&mut self.state.joint);
+            self.state.joint.become_landmark(&sent.joint, &pair);
+            sent.gyro.apply(&mut self.state.joint);
             self.state.sent = Some(sent);
-            self.state.exchanges.landmark = Some(sender);
-            self.state.exchanges.first = false;
+            self.state.role_exchange.landmark = Some(sender);
+            self.state.role_exchange.first = false;
             return Outcome::Fused;
         }
-        if self.state.exchanges.landmark == Some(sender) {
+        if self.state.role_exchange.landmark == Some(sender) {
             return Outcome::Noted;
         }
         self.state.pending = Some((sender, pair));
@@ -52,17 +58,18 @@ impl Landmark {
 
     pub(super) fn role(&mut self, landmark: bool) {
         self.settle();
-        let was = self.state.exchanges.is_landmark;
-        self.state.exchanges.is_landmark = landmark;
+        let was = self.state.role_exchange.is_landmark;
+        self.state.role_exchange.is_landmark = landmark;
         if landmark && !was {
             // From now on only packets and the gyro at rest change the belief.
             self.gaussian();
             self.state.jumps.clear();
             if self.state.sent.is_none() {
-                self.state.sent = Some(Sent { joint: self.state.joint.clone(), rest: Rest::default() });
+                self.state.sent =
+                    Some(SentBelief { joint: self.state.joint.clone(), gyro: StationaryGyro::default() });
             }
-            self.state.exchanges.landmark = None;
-            self.state.exchanges.first = false;
+            self.state.role_exchange.landmark = None;
+            self.state.role_exchange.first = false;
             self.state.pending = None;
         }
         if was && !landmark {
@@ -78,7 +85,7 @@ impl Landmark {
 
     /// Whether this vehicle is to hand over: it stands, is not the landmark, and knows of one.
     pub(super) fn has_news(&self) -> bool {
-        let exchanges = &self.state.exchanges;
+        let exchanges = &self.state.role_exchange;
         self.options.use_fixes
             && self.state.odometer.landed()
             && !exchanges.is_landmark
@@ -113,15 +120,15 @@ impl Landmark {
         capacity_bytes: usize,
     ) -> Result<Option<Arc<[u8]>>, Error> {
         let pair = Pair::of(&modes);
-        let packet = self.state.exchanges.packet(modes, &self.options.packet, tol_ns);
-        let told = self.state.exchanges.told(packet, capacity_bytes)?;
+        let packet = self.state.role_exchange.packet(modes, &self.options.packet, tol_ns);
+        let told = self.state.role_exchange.told(packet, capacity_bytes)?;
         self.gaussian();
         let mut joint = self.state.joint.clone();
         if let Some(pair) = pair {
             joint.mean.fixed_rows_mut::<3>(0).copy_from(&pair.seen);
             joint.mean.fixed_rows_mut::<3>(3).copy_from(&pair.landmark);
         }
-        self.state.sent = Some(Sent { joint, rest: Rest::default() });
+        self.state.sent = Some(SentBelief { joint, gyro: StationaryGyro::default() });
         Ok(told)
     }
 
@@ -132,11 +139,11 @@ impl Landmark {
 
     /// Takes back a launch that came to nothing; that it did is counted.
     pub(super) fn silent(&mut self, before: Kept) {
-        let untold = self.state.exchanges.untold;
+        let untold = self.state.role_exchange.untold;
         self.state = *before.0;
-        self.state.exchanges.untold = untold;
+        self.state.role_exchange.untold = untold;
     }
 }
 
 /// A state to return to.
-pub(super) struct Kept(Box<State>);
+pub(super) struct Kept(Box<LandmarkState>);

@@ -4,17 +4,17 @@
 //! derivative by the landmark's own pose, so a chain of exchanges cannot gain knowledge of the common heading, which
 //! nobody measures, from linearising at different poses.
 
-use nalgebra::{Matrix3, Matrix6, Rotation2, SMatrix, SVector, Vector2, Vector3, Vector6};
+use nalgebra::{Matrix3, Rotation2, SMatrix, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::model::{Measurement, Pose, wrap};
 use super::odometry::Increment;
-use crate::mixture::Mode;
+use super::pose_algebra::{at_transmit, between, compose, composed_by, inverse_by};
 
 /// Own pose in the landmark's frame (3), landmark's pose in the world (3), gyro bias, DVL scale, DVL misalignment.
 pub const STATES: usize = 9;
 /// Mean of all states.
-pub type State = SVector<f64, STATES>;
+pub type JointVector = SVector<f64, STATES>;
 /// Covariance of all states.
 pub type Covariance = SMatrix<f64, STATES, STATES>;
 
@@ -22,7 +22,7 @@ pub type Covariance = SMatrix<f64, STATES, STATES>;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Joint {
     /// [own forward, left, yaw of the landmark; landmark e, n, yaw; gyro bias rad/s, DVL scale, misalignment rad].
-    pub mean: State,
+    pub mean: JointVector,
     /// Its covariance.
     pub covariance: Covariance,
 }
@@ -54,24 +54,21 @@ pub struct Correction {
     pub log_evidence: f64,
 }
 
-/// What keeps a variance from vanishing where it is divided by: 0.1 mm, 0.001°.
-const FLOOR: [f64; 3] = [1e-8, 1e-8, 3e-10];
-
 impl Joint {
     /// A start: own pose in the world and biases apart, the landmark known exactly.
     #[must_use]
     pub fn new(own: Pose, own_covariance: &Matrix3<f64>, landmark: Pose, bias_sigma: [f64; 3]) -> Self {
-        let mut joint = Self { mean: State::zeros(), covariance: Covariance::zeros() };
+        let mut joint = Self { mean: JointVector::zeros(), covariance: Covariance::zeros() };
         joint.mean.fixed_rows_mut::<3>(3).copy_from(&Vector3::from(landmark));
         for (k, sigma) in bias_sigma.into_iter().enumerate() {
             joint.covariance[(6 + k, 6 + k)] = sigma * sigma;
         }
-        joint.stand(own, own_covariance);
+        joint.set_own_pose(own, own_covariance);
         joint
     }
 
     /// Sets the own pose in the world, apart from everything else.
-    pub fn stand(&mut self, own: Pose, own_covariance: &Matrix3<f64>) {
+    pub fn set_own_pose(&mut self, own: Pose, own_covariance: &Matrix3<f64>) {
         let landmark = Vector3::from(self.landmark());
         let z = between(&landmark, &Vector3::from(own));
         let mut frame = Matrix3::<f64>::identity();
@@ -252,7 +249,7 @@ impl Joint {
         true
     }
 
-    fn wrap(&mut self) {
+    pub(super) fn wrap(&mut self) {
         for k in [2, 5] {
             self.mean[k] = wrap(self.mean[k]);
         }
@@ -294,238 +291,8 @@ impl Joint {
         self.mean.fixed_rows_mut::<3>(3).copy_from(&compose(&own, &back));
         self.mean.fixed_rows_mut::<3>(0).copy_from(z);
     }
-
-    /// The pair (own, landmark) in the packet's coordinates.
-    #[must_use]
-    pub fn polar(&self) -> Mode<6> {
-        let [x, y, yaw] = self.seen();
-        let rho = x.hypot(y);
-        let r = rho.max(1e-3);
-        let [e, n, landmark_yaw] = self.landmark();
-        let mean = Vector6::new(e, n, landmark_yaw, rho, y.atan2(x), yaw);
-        let mut j = Matrix6::zeros();
-        for k in 0..3 {
-            j[(k, 3 + k)] = 1.0;
-        }
-        (j[(3, 0)], j[(3, 1)]) = (x / r, y / r);
-        (j[(4, 0)], j[(4, 1)]) = (-y / (r * r), x / (r * r));
-        j[(5, 2)] = 1.0;
-        let p = self.covariance.fixed_view::<6, 6>(0, 0);
-        Mode { weight: 1.0, mean, covariance: j * p * j.transpose() }
-    }
-
-    /// The old landmark's turn. The packet holds (M, L); L is this vehicle, whose belief at its own last broadcast was
-    /// `sent`: own := L, landmark := M, and what was known of the biases given the own pose stays: their correlation
-    /// comes back with the packet, for no bytes.
-    pub fn take_over(&mut self, sent: &Self, pair: &Pair) {
-        let rows = sent.own_rows();
-        let own = sent.own_covariance();
-        let cross: SMatrix<f64, 3, STATES> = rows * sent.covariance;
-        let bias_cross: Matrix3<f64> = cross.fixed_view::<3, 3>(0, 6).transpose();
-        let gain = gain_on(&own, &bias_cross);
-        let bias = sent.bias() + gain * difference(&pair.landmark, &Vector3::from(sent.own()));
-        let left = sent.covariance.fixed_view::<3, 3>(6, 6) - gain * own * gain.transpose();
-        // Seen from M, L stands at z⁻¹; M itself at L ⊕ z.
-        let (by_landmark, by_seen) = composed_by(&pair.landmark, &pair.seen);
-        let mut from = SMatrix::<f64, STATES, 6>::zeros();
-        from.fixed_view_mut::<3, 3>(0, 3).copy_from(&inverse_by(&pair.seen));
-        from.fixed_view_mut::<3, 3>(3, 0).copy_from(&by_landmark);
-        from.fixed_view_mut::<3, 3>(3, 3).copy_from(&by_seen);
-        from.fixed_view_mut::<3, 3>(6, 0).copy_from(&gain);
-        let mut p = from * pair.covariance * from.transpose();
-        let bias_now = p.fixed_view::<3, 3>(6, 6) + left;
-        p.fixed_view_mut::<3, 3>(6, 6).copy_from(&bias_now);
-        self.covariance = symmetric(&p);
-        self.mean.fixed_rows_mut::<3>(0).copy_from(&between(&pair.seen, &Vector3::zeros()));
-        self.mean.fixed_rows_mut::<3>(3).copy_from(&compose(&pair.landmark, &pair.seen));
-        self.mean.fixed_rows_mut::<3>(6).copy_from(&bias);
-        self.wrap();
-    }
-
-    /// A follower's turn: own pose and biases given the *old* landmark pose that the packet carries, then the new
-    /// landmark in its place. G = Cov(X, L) Cov(L)⁻¹.
-    pub fn follow(&mut self, pair: &Pair) {
-        let held = [0, 1, 2, 6, 7, 8];
-        let old: Matrix3<f64> = self.covariance.fixed_view::<3, 3>(3, 3).into_owned();
-        let cross = SMatrix::<f64, 6, 3>::from_fn(|r, c| self.covariance[(held[r], 3 + c)]);
-        let gain = gain_on(&old, &cross);
-        let shift = gain * difference(&pair.landmark, &Vector3::from(self.landmark()));
-        let x = SMatrix::<f64, 6, 6>::from_fn(|r, c| self.covariance[(held[r], held[c])]);
-        for (a, i) in held.into_iter().enumerate() {
-            self.mean[i] += shift[a];
-        }
-        // Over (own seen from L, biases, L, M seen from L).
-        let mut wide = SMatrix::<f64, 12, 12>::zeros();
-        let mut by_pair = SMatrix::<f64, 12, 6>::zeros();
-        by_pair.fixed_view_mut::<6, 3>(0, 0).copy_from(&gain);
-        by_pair.fixed_view_mut::<6, 6>(6, 0).copy_from(&Matrix6::identity());
-        wide.fixed_view_mut::<6, 6>(0, 0).copy_from(&(x - gain * old * gain.transpose()));
-        wide += by_pair * pair.covariance * by_pair.transpose();
-        let seen = Vector3::from(self.seen());
-        let (by_mover, by_own) = between_by(&pair.seen, &seen);
-        let (by_landmark, by_seen) = composed_by(&pair.landmark, &pair.seen);
-        let mut from = SMatrix::<f64, STATES, 12>::zeros();
-        from.fixed_view_mut::<3, 3>(0, 0).copy_from(&by_own);
-        from.fixed_view_mut::<3, 3>(0, 9).copy_from(&by_mover);
-        from.fixed_view_mut::<3, 3>(3, 6).copy_from(&by_landmark);
-        from.fixed_view_mut::<3, 3>(3, 9).copy_from(&by_seen);
-        from.fixed_view_mut::<3, 3>(6, 3).copy_from(&Matrix3::identity());
-        self.covariance = symmetric(&(from * wide * from.transpose()));
-        self.mean.fixed_rows_mut::<3>(0).copy_from(&between(&pair.seen, &seen));
-        self.mean.fixed_rows_mut::<3>(3).copy_from(&compose(&pair.landmark, &pair.seen));
-        self.wrap();
-    }
 }
 
-/// What an exchange packet says: the old landmark in the world, and the mover as it sees it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Pair {
-    /// L.
-    pub landmark: Vector3<f64>,
-    /// M in L's frame.
-    pub seen: Vector3<f64>,
-    /// Over (L, M in L's frame).
-    pub covariance: Matrix6<f64>,
-}
-
-impl Pair {
-    /// The poses of a belief in polar form; several modes are replaced by their moments.
-    #[must_use]
-    pub fn of(modes: &[Mode<6>]) -> Option<Self> {
-        let first = modes.first()?;
-        let total: f64 = modes.iter().map(|m| m.weight).sum();
-        let apart = |m: &Mode<6>| {
-            let mut d = m.mean - first.mean;
-            for k in [2, 4, 5] {
-                d[k] = wrap(d[k]);
-            }
-            d
-        };
-        let shift: Vector6<f64> = modes.iter().map(|m| apart(m) * (m.weight / total)).sum();
-        let covariance: Matrix6<f64> = modes
-            .iter()
-            .map(|m| {
-                let d = apart(m) - shift;
-                (m.covariance + d * d.transpose()) * (m.weight / total)
-            })
-            .sum();
-        let u = first.mean + shift;
-        let (s, c) = u[4].sin_cos();
-        let rho = u[3];
-        let mut j = Matrix6::identity();
-        (j[(3, 3)], j[(3, 4)]) = (c, -rho * s);
-        (j[(4, 3)], j[(4, 4)]) = (s, rho * c);
-        Some(Self {
-            landmark: Vector3::new(u[0], u[1], wrap(u[2])),
-            seen: Vector3::new(rho * c, rho * s, wrap(u[5])),
-            covariance: j * covariance * j.transpose(),
-        })
-    }
-}
-
-/// a ⊕ b: b's pose in the world, given in a's frame.
-fn compose(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
-    let arm = Rotation2::new(a.z) * Vector2::new(b.x, b.y);
-    Vector3::new(a.x + arm.x, a.y + arm.y, wrap(a.z + b.z))
-}
-
-/// Derivatives of a ⊕ b by a and by b.
-fn composed_by(a: &Vector3<f64>, b: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
-    let turn = Rotation2::new(a.z);
-    let arm = turn * Vector2::new(b.x, b.y);
-    let mut by_a = Matrix3::identity();
-    by_a[(0, 2)] = -arm.y;
-    by_a[(1, 2)] = arm.x;
-    let mut by_b = Matrix3::identity();
-    by_b.fixed_view_mut::<2, 2>(0, 0).copy_from(turn.matrix());
-    (by_a, by_b)
-}
-
-/// a⁻¹ ⊕ b: b as a sees it.
-fn between(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
-    let arm = Rotation2::new(-a.z) * Vector2::new(b.x - a.x, b.y - a.y);
-    Vector3::new(arm.x, arm.y, wrap(b.z - a.z))
-}
-
-/// Derivatives of a⁻¹ ⊕ b by a and by b.
-fn between_by(a: &Vector3<f64>, b: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
-    let back = Rotation2::new(-a.z);
-    let arm = back * Vector2::new(b.x - a.x, b.y - a.y);
-    let mut by_b = Matrix3::identity();
-    by_b.fixed_view_mut::<2, 2>(0, 0).copy_from(back.matrix());
-    let mut by_a = -by_b;
-    by_a[(0, 2)] = arm.y;
-    by_a[(1, 2)] = -arm.x;
-    (by_a, by_b)
-}
-
-/// Derivative of z⁻¹ by z.
-fn inverse_by(z: &Vector3<f64>) -> Matrix3<f64> {
-    between_by(z, &Vector3::zeros()).0
-}
-
-/// Where the mover was at transmission.
-#[must_use]
-pub fn at_transmit(own: Pose, delay: &Increment, bias: &Vector3<f64>) -> Pose {
-    let (displacement, yaw) = delay.corrected(bias);
-    let before = own[2] - yaw;
-    let moved = Rotation2::new(before) * displacement;
-    [own[0] - moved.x, own[1] - moved.y, wrap(before)]
-}
-
-/// One positioning as the own pose at reception in the landmark's frame (23)–(25), with its covariance.
-///
-/// `None` unless all three channels were measured.
-#[must_use]
-pub fn seen(
-    measured: &Measurement,
-    sigma: [f64; 3],
-    delay: &Increment,
-    bias: &Vector3<f64>,
-) -> Option<(Vector3<f64>, Matrix3<f64>)> {
-    let (range, own, peer) = (measured.range_m?, measured.own_rad?, measured.peer_rad?);
-    let (displacement, yaw) = delay.corrected(bias);
-    let there = Vector2::new(range * peer.cos(), range * peer.sin());
-    let turned = peer - own - std::f64::consts::PI;
-    let here = there + Rotation2::new(turned - yaw) * displacement;
-    // The direction at reception, which θ_ML looks along.
-    let turned = wrap(here.y.atan2(here.x) - own - std::f64::consts::PI);
-    let j = Matrix3::new(peer.cos(), 0.0, -there.y, peer.sin(), 0.0, there.x, 0.0, -1.0, 1.0); // by range, θ_ML, θ_LM
-    let noise = Matrix3::from_diagonal(&Vector3::from(sigma.map(|s| s * s)));
-    Some((Vector3::new(here.x, here.y, turned), j * noise * j.transpose()))
-}
-
-/// Cov(X, Y) Cov(Y)⁻¹; what is known exactly tells nothing.
-fn gain_on<const N: usize>(y: &Matrix3<f64>, cross: &SMatrix<f64, N, 3>) -> SMatrix<f64, N, 3> {
-    let held = y + Matrix3::from_diagonal(&Vector3::from(FLOOR));
-    held.try_inverse().map_or_else(SMatrix::zeros, |inverse| cross * inverse)
-}
-
-fn difference(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {
-    Vector3::new(a.x - b.x, a.y - b.y, wrap(a.z - b.z))
-}
-
-fn symmetric(p: &Covariance) -> Covariance {
+pub(super) fn symmetric(p: &Covariance) -> Covariance {
     (p + p.transpose()) * 0.5
-}
-
-/// Composes a pose seen in some frame with later motion.
-#[must_use]
-pub fn carried(
-    pose: &Vector3<f64>,
-    covariance: &Matrix3<f64>,
-    increment: &Increment,
-    bias: &Vector3<f64>,
-) -> (Vector3<f64>, Matrix3<f64>) {
-    let turn = Rotation2::new(pose.z);
-    let (displacement, yaw) = increment.corrected(bias);
-    let moved = turn * displacement;
-    let mut transition = Matrix3::identity();
-    transition[(0, 2)] = -moved.y;
-    transition[(1, 2)] = moved.x;
-    let mut frame = Matrix3::identity();
-    frame.fixed_view_mut::<2, 2>(0, 0).copy_from(turn.matrix());
-    let p =
-        transition * covariance * transition.transpose() + frame * increment.covariance * frame.transpose();
-    (Vector3::new(pose.x + moved.x, pose.y + moved.y, wrap(pose.z + yaw)), p)
 }

@@ -138,7 +138,7 @@ pub fn log_likelihood_max(measured: &Measurement, acoustics: &Acoustics, gate: &
 
 /// The two readings of "the average likelihood drops below k L_max".
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Reading {
+pub enum RatioReading {
     /// L̄ < k L_max, as printed.
     Linear,
     /// ln L̄ < k ln L_max.
@@ -153,7 +153,7 @@ pub struct MonitorRule {
     /// a: lows before this one that it takes, and least positionings between reconstructions.
     pub trials: u32,
     /// How k is read.
-    pub reading: Reading,
+    pub reading: RatioReading,
 }
 
 /// Where the monitor stands.
@@ -179,8 +179,8 @@ impl Monitor {
             return (false, false);
         }
         let low = match rule.reading {
-            Reading::Linear => log_mean < rule.ratio.ln() + log_max,
-            Reading::Log => log_mean < rule.ratio * log_max,
+            RatioReading::Linear => log_mean < rule.ratio.ln() + log_max,
+            RatioReading::Log => log_mean < rule.ratio * log_max,
         };
         self.since = self.since.saturating_add(1);
         self.lows = if low { self.lows.saturating_add(1) } else { 0 };

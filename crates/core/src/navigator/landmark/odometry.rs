@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, Rotation2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::navigator::common::seconds;
+use crate::event::seconds;
 
 /// Motion since an instant, in the body frame of that instant, with its noise and what sensor biases would change.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

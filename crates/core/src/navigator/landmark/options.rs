@@ -1,7 +1,7 @@
 //! What `landmark`, `landmark-ekf` and the dead reckoning from DVL and gyro are made from.
 
 use super::consensus::ConsensusRule;
-use super::jump::JumpRule;
+use super::jump_hypotheses::JumpRule;
 use super::model::{Acoustics, Gate, Pose};
 use crate::error::{Error, non_negative};
 use crate::mixture::FitOptions;
@@ -60,9 +60,9 @@ pub struct PacketOptions {
 }
 
 impl PacketOptions {
-    /// Whether packets end in the checksum of [`seal`](crate::packet::seal); format 1 and 8 bytes have checks of their own.
+    /// Whether packets end in the checksum of [`append_crc`](crate::packet::append_crc); format 1 and 8 bytes have checks of their own.
     #[must_use]
-    pub fn is_sealed(&self) -> bool {
+    pub fn has_checksum(&self) -> bool {
         self.format == ExchangeFormat::Two && self.size != ExchangeSize::B8
     }
 }

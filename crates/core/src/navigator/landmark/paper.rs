@@ -3,131 +3,59 @@
 //! A step reads like section II.C: predict (5)–(8) at the sensors' rate; at a positioning the likelihood (9)–(14), the
 //! monitor (15)–(18), reconstruction (19)–(25) and resampling; at a role exchange section II.D.
 
-use std::f64::consts::PI;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::link::Exchanges;
-use super::model::{
-    Acoustics, Gate, Measurement, Monitor, MonitorRule, Pose, ancestors_among, least_likely,
-    log_likelihood_max, log_likelihoods, log_mean_exp, new_particles, offsets, reconstruct, survivors, wrap,
-};
-use super::options::{PacketOptions, check_mixture, check_share};
-use super::paper_cloud::{Columns, PaperCloud, moments};
-use super::robust::PACKET_ANGLES;
-use crate::error::{Error, non_negative};
-use crate::event::{Event, Payload, VehicleId};
+use super::model::{Measurement, Monitor, wrap};
+use super::paper_cloud::PaperCloud;
+use super::paper_options::PaperOptions;
+use super::role_exchange::RoleExchange;
+use crate::error::Error;
+use crate::event::{Event, Payload, VehicleId, seconds};
 use crate::kernels::landmark::OdometryStep;
-use crate::mixture::{Mode, select};
-use crate::navigator::common::{check_event, load, save, seconds};
-use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status};
-use crate::noise::{Purpose, Stream, Streams};
-use crate::packet::PacketError;
-
-/// Options of `landmark-paper`. Defaults live with the Python model.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PaperOptions {
-    /// n.
-    pub particles: usize,
-    /// Standard deviations and outlier thresholds of the acoustic channels.
-    pub acoustics: Acoustics,
-    /// How outliers are kept from deciding.
-    pub gate: Gate,
-    /// Table 4: σ_v = constant + root · √|v|, m/s.
-    pub sigma_velocity: [f64; 2],
-    /// |v| is taken inside these bounds, m/s.
-    pub speed_bounds_mps: [f64; 2],
-    /// Table 4: σ_ω, rad/s.
-    pub sigma_yaw_rate_radps: f64,
-    /// Reconstruction; `None` as in the sea trial.
-    pub monitor: Option<MonitorRule>,
-    /// r of (19).
-    pub replace_share: f64,
-    /// The first landmark's pose.
-    pub first_landmark: Pose,
-    /// Exchange packet.
-    pub packet: PacketOptions,
-}
-
-impl PaperOptions {
-    fn validate(&self) -> Result<(), Error> {
-        self.acoustics.validate()?;
-        if let Gate::Mixture { share, widths } = self.gate {
-            check_mixture(share, widths)?;
-        }
-        for (name, value) in [
-            ("sigma_velocity_constant_mps", self.sigma_velocity[0]),
-            ("sigma_velocity_root", self.sigma_velocity[1]),
-            ("speed_min_mps", self.speed_bounds_mps[0]),
-            ("speed_max_mps", self.speed_bounds_mps[1]),
-            ("sigma_yaw_rate_radps", self.sigma_yaw_rate_radps),
-        ] {
-            non_negative(name, value)?;
-        }
-        check_share("replace_share", self.replace_share)?;
-        if let Some(rule) = self.monitor {
-            check_share("monitor_ratio", rule.ratio)?;
-        }
-        for value in self.first_landmark {
-            crate::error::finite("pose of the first landmark", value)?;
-        }
-        let [low, high] = self.speed_bounds_mps;
-        if low > high {
-            return Err(Error::OutOfBound {
-                quantity: "speed_min_mps",
-                value: low,
-                bound: "0 to speed_max_mps",
-            });
-        }
-        if (10..=1_000_000).contains(&self.particles) {
-            return Ok(());
-        }
-        Err(Error::OutOfBound {
-            quantity: "particles",
-            value: self.particles as f64,
-            bound: "10 to 1,000,000",
-        })
-    }
-}
+use crate::mixture::Mode;
+use crate::navigator::snapshot::{load, save};
+use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status, check_event};
+use crate::random::{Purpose, Stream, Streams};
 
 /// Numbers for pictures.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-struct Counts {
-    rejected: u64,
-    reconstructions: u64,
-    replaced: u64,
-    lows: u64,
-    log_mean: f64,
-    log_max: f64,
-    offsets: [f64; 3],
-    ess: f64,
-    modes: u64,
-    landmark: [f64; 3],
+pub(super) struct PaperCounts {
+    pub(super) rejected: u64,
+    pub(super) reconstructions: u64,
+    pub(super) replaced: u64,
+    pub(super) lows: u64,
+    pub(super) log_mean: f64,
+    pub(super) log_max: f64,
+    pub(super) offsets: [f64; 3],
+    pub(super) ess: f64,
+    pub(super) modes: u64,
+    pub(super) landmark: [f64; 3],
 }
 
 #[derive(Clone, Serialize, Deserialize)]
-struct State {
-    now_ns: Option<i64>,
-    velocity_mps: [f64; 2],
-    yaw_rate_radps: f64,
-    landed: bool,
-    positioned: bool,
-    oriented: bool,
-    cloud: PaperCloud,
-    exchanges: Exchanges,
-    pending: Option<(VehicleId, Vec<Mode<6>>)>,
-    monitor: Monitor,
-    step: u32,
-    counts: Counts,
+pub(super) struct PaperState {
+    pub(super) now_ns: Option<i64>,
+    pub(super) velocity_mps: [f64; 2],
+    pub(super) yaw_rate_radps: f64,
+    pub(super) landed: bool,
+    pub(super) positioned: bool,
+    pub(super) oriented: bool,
+    pub(super) cloud: PaperCloud,
+    pub(super) role_exchange: RoleExchange,
+    pub(super) pending: Option<(VehicleId, Vec<Mode<6>>)>,
+    pub(super) monitor: Monitor,
+    pub(super) step: u32,
+    pub(super) counts: PaperCounts,
 }
 
 /// The paper's navigator of one vehicle.
 pub struct LandmarkPaper {
     own: VehicleId,
-    options: PaperOptions,
+    pub(super) options: PaperOptions,
     streams: Streams,
-    state: State,
+    pub(super) state: PaperState,
 }
 
 impl LandmarkPaper {
@@ -137,7 +65,7 @@ impl LandmarkPaper {
     /// [`Error::OutOfBound`] naming an option; [`Error::UnknownVehicle`].
     pub fn new(own: VehicleId, vehicles: usize, options: PaperOptions, seed: u64) -> Result<Self, Error> {
         options.validate()?;
-        let state = State {
+        let state = PaperState {
             now_ns: None,
             velocity_mps: [0.0; 2],
             yaw_rate_radps: 0.0,
@@ -145,20 +73,20 @@ impl LandmarkPaper {
             positioned: false,
             oriented: false,
             cloud: PaperCloud::new(options.particles, options.first_landmark),
-            exchanges: Exchanges::new(own, vehicles)?,
+            role_exchange: RoleExchange::new(own, vehicles)?,
             pending: None,
             monitor: Monitor::default(),
             step: 0,
-            counts: Counts {
+            counts: PaperCounts {
                 ess: options.particles as f64,
                 landmark: options.first_landmark,
-                ..Counts::default()
+                ..PaperCounts::default()
             },
         };
         Ok(Self { own, options, streams: Streams::new(seed, own), state })
     }
 
-    fn stream(&mut self, purpose: Purpose) -> Stream {
+    pub(super) fn stream(&mut self, purpose: Purpose) -> Stream {
         self.state.step = self.state.step.wrapping_add(1);
         self.streams.at(purpose, self.state.step)
     }
@@ -211,240 +139,12 @@ impl LandmarkPaper {
         self.state.oriented = true;
         Outcome::Fused
     }
-
-    /// The observation phase.
-    fn positioning(&mut self, peer: VehicleId, transmit_ns: i64, measured: &Measurement) -> Outcome {
-        if self.state.exchanges.is_landmark || !self.state.positioned {
-            return Outcome::Noted;
-        }
-        if self.state.exchanges.landmark != Some(peer) && !self.change_landmark(peer, measured) {
-            self.state.counts.rejected += 1;
-            return Outcome::Gated;
-        }
-        let log_max = log_likelihood_max(measured, &self.options.acoustics, &self.options.gate);
-        if measured.present() == [false; 3] {
-            return Outcome::Noted;
-        }
-        let at = self.state.cloud.at(transmit_ns);
-        let logs = self.log_likelihood(&at, measured);
-        let log_mean = log_mean_exp(&logs);
-        self.note(log_mean, log_max, measured, &at);
-        let ancestors = self.reconstruct(&logs, log_mean, log_max, measured, &at);
-        match ancestors {
-            Some(()) => Outcome::Fused,
-            None => {
-                self.state.counts.rejected += 1;
-                Outcome::Gated
-            }
-        }
-    }
-
-    fn log_likelihood(&self, at: &Columns, measured: &Measurement) -> Vec<f64> {
-        let cloud = &self.state.cloud;
-        (0..cloud.len())
-            .map(|i| {
-                let there = [at[0][i], at[1][i], at[2][i]];
-                let offsets = offsets(cloud.own_pose(i), there, cloud.landmark_pose(i), measured);
-                let [ml, lm] = log_likelihoods(offsets, &self.options.acoustics, &self.options.gate);
-                ml + lm
-            })
-            .collect()
-    }
-
-    /// Monitor, replacement of the least likely, resampling of the others; `None` if no particle fits at all.
-    fn reconstruct(
-        &mut self,
-        logs: &[f64],
-        log_mean: f64,
-        log_max: f64,
-        measured: &Measurement,
-        at: &Columns,
-    ) -> Option<()> {
-        if !log_mean.is_finite() {
-            return None;
-        }
-        let n = logs.len();
-        let complete = match (measured.range_m, measured.own_rad, measured.peer_rad) {
-            (Some(r), Some(own), Some(peer)) => Some([r, own, peer]),
-            _ => None,
-        };
-        let mut replaced = Vec::new();
-        if let Some(rule) = self.options.monitor {
-            let (low, fire) = self.state.monitor.observe(log_mean, log_max, &rule);
-            self.state.counts.lows += u64::from(low);
-            if fire && complete.is_some() {
-                let count = new_particles(n, self.options.replace_share, log_mean, log_max);
-                replaced = least_likely(logs, count);
-            }
-        }
-        let survivors = survivors(n, &replaced);
-        let (draw, noise) = (self.stream(Purpose::Resample), self.stream(Purpose::Recovery));
-        let mut u0 = [0.0];
-        draw.uniforms(0, &mut u0);
-        let ancestors = ancestors_among(&survivors, logs, u0[0], n);
-        let before: Vec<(Pose, Pose)> = replaced
-            .iter()
-            .map(|i| *i as usize)
-            .map(|i| (self.state.cloud.own_pose(i), [at[0][i], at[1][i], at[2][i]]))
-            .collect();
-        self.state.cloud.resample(&ancestors);
-        let sum: f64 = survivors.iter().map(|i| (logs[*i as usize] - log_mean).exp()).sum();
-        let squares: f64 = survivors.iter().map(|i| (2.0 * (logs[*i as usize] - log_mean)).exp()).sum();
-        self.state.counts.ess = sum * sum / squares;
-        if let Some(values) = complete
-            && !replaced.is_empty()
-        {
-            self.state.counts.reconstructions += 1;
-            self.state.counts.replaced += replaced.len() as u64;
-            let mut normals: Columns = std::array::from_fn(|_| vec![0.0; replaced.len()]);
-            let [a, b, c] = &mut normals;
-            noise.normal_pairs(0, a, b);
-            noise.normal_pairs(1, c, &mut vec![0.0; replaced.len()]);
-            for (k, (i, (old, old_at))) in replaced.iter().zip(before).enumerate() {
-                let i = *i as usize;
-                let drawn = [normals[0][k], normals[1][k], normals[2][k]];
-                let landmark = self.state.cloud.landmark_pose(i);
-                let sigma = self.options.acoustics.sigma;
-                let pose = reconstruct(landmark, old, old_at, values, sigma, drawn);
-                for (column, value) in self.state.cloud.own.iter_mut().zip(pose) {
-                    column[i] = value;
-                }
-            }
-        }
-        Some(())
-    }
-
-    fn note(&mut self, log_mean: f64, log_max: f64, measured: &Measurement, at: &Columns) {
-        let (own, _) = self.state.cloud.moments();
-        let i = 0;
-        let old = self.state.cloud.own_pose(i);
-        let there = [own.x + at[0][i] - old[0], own.y + at[1][i] - old[1], own.z + at[2][i] - old[2]];
-        let (landmark, _) = moments(&self.state.cloud.landmark);
-        let counts = &mut self.state.counts;
-        counts.landmark = landmark.into();
-        counts.offsets = offsets(own.into(), there, landmark.into(), measured);
-        counts.log_mean = log_mean;
-        counts.log_max = log_max;
-    }
-
-    /// Another landmark answers; false if nothing is known of it and this positioning cannot place it.
-    fn change_landmark(&mut self, peer: VehicleId, measured: &Measurement) -> bool {
-        let told = self.state.pending.take_if(|(sender, _)| *sender == peer);
-        if let Some((_, modes)) = told {
-            let stream = self.stream(Purpose::Belief);
-            self.state.cloud.follow(&modes, &stream);
-        } else if self.state.exchanges.landmark.is_some() || !self.state.exchanges.first {
-            let (Some(r), Some(own), Some(peer)) = (measured.range_m, measured.own_rad, measured.peer_rad)
-            else {
-                return false;
-            };
-            self.place_landmark([r, own, peer]);
-        }
-        self.state.exchanges.landmark = Some(peer);
-        self.state.exchanges.first = false;
-        self.state.monitor = Monitor::default();
-        true
-    }
-
-    /// (23)–(25) solved for the landmark: one that nobody told of, as every particle sees it.
-    fn place_landmark(&mut self, values: [f64; 3]) {
-        let stream = self.stream(Purpose::Belief);
-        let n = self.state.cloud.len();
-        let mut normals: Columns = std::array::from_fn(|_| vec![0.0; n]);
-        let [a, b, c] = &mut normals;
-        stream.normal_pairs(0, a, b);
-        stream.normal_pairs(1, c, &mut vec![0.0; n]);
-        for i in 0..n {
-            let [r, own, peer] =
-                std::array::from_fn(|k| values[k] + self.options.acoustics.sigma[k] * normals[k][i]);
-            let pose = self.state.cloud.own_pose(i);
-            let yaw = wrap(pose[2] - peer + own + PI);
-            let (s, c) = (yaw + peer).sin_cos();
-            let landmark = &mut self.state.cloud.landmark;
-            landmark[0][i] = pose[0] - r * c;
-            landmark[1][i] = pose[1] - r * s;
-            landmark[2][i] = yaw;
-        }
-    }
-
-    fn reception(&mut self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Outcome {
-        if !self.state.positioned {
-            return Outcome::Noted;
-        }
-        let cloud = &self.state.cloud;
-        let known = if self.state.exchanges.is_landmark { &cloud.own } else { &cloud.landmark };
-        let n = cloud.len() as f64;
-        let near = [known[0].iter().sum::<f64>() / n, known[1].iter().sum::<f64>() / n];
-        let packet = self.state.exchanges.receive(sender, tol_ns, bytes, near, &self.options.packet);
-        let Some(packet) = packet else {
-            self.state.counts.rejected += 1;
-            return Outcome::Rejected;
-        };
-        if self.state.exchanges.is_landmark {
-            let stream = self.stream(Purpose::Belief);
-            self.state.cloud.take_over(&packet.modes, &stream);
-            self.state.counts.landmark = moments(&self.state.cloud.landmark).0.into();
-            self.state.exchanges.landmark = Some(sender);
-            self.state.exchanges.first = false;
-            return Outcome::Fused;
-        }
-        if self.state.exchanges.landmark == Some(sender) {
-            return Outcome::Noted;
-        }
-        self.state.pending = Some((sender, packet.modes));
-        Outcome::Fused
-    }
-
-    fn role(&mut self, landmark: bool) {
-        let exchanges = &mut self.state.exchanges;
-        if landmark && !exchanges.is_landmark {
-            exchanges.landmark = None;
-            exchanges.first = false;
-            self.state.pending = None;
-        }
-        exchanges.is_landmark = landmark;
-        self.state.monitor = Monitor::default();
-    }
-
-    /// Section II.D: clustering with model selection at the packet's capacity.
-    fn launch(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        let options = self.options.packet;
-        let polar = self.state.cloud.polar();
-        let weights = vec![1.0 / polar.len() as f64; polar.len()];
-        let stream = self.stream(Purpose::Belief);
-        let mut most = options.size.modes();
-        loop {
-            let fitted = select(
-                &polar,
-                &weights,
-                PACKET_ANGLES,
-                most,
-                options.criterion,
-                &options.fit,
-                options.search_points,
-                &stream,
-            );
-            let modes = fitted.map(|f| f.modes).unwrap_or_default();
-            let count = modes.len();
-            let packet = self.state.exchanges.packet(modes, &options, tol_ns);
-            // Modes further apart than their fields: fewer of them, fitted anew.
-            if count > 1 && matches!(packet, Err(PacketError::OutOfRange { .. })) {
-                most = count - 1;
-                continue;
-            }
-            let told = self.state.exchanges.told(packet, capacity_bytes)?;
-            if told.is_some() {
-                self.state.counts.modes = count as u64;
-            }
-            return Ok(told);
-        }
-    }
 }
 
 impl Navigator for LandmarkPaper {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.state.now_ns)?;
-        self.state.exchanges.check(&event.payload)?;
+        self.state.role_exchange.check(&event.payload)?;
         self.advance(event.t_ns);
         let outcome = match &event.payload {
             Payload::GroundVelocity { velocity_mps, .. } => {
@@ -481,7 +181,7 @@ impl Navigator for LandmarkPaper {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        let exchanges = &self.state.exchanges;
+        let exchanges = &self.state.role_exchange;
         if !self.state.landed || exchanges.is_landmark || exchanges.landmark.is_none() {
             return Ok(None);
         }
@@ -494,7 +194,7 @@ impl Navigator for LandmarkPaper {
     }
 
     fn has_checksum(&self) -> bool {
-        self.options.packet.is_sealed()
+        self.options.packet.has_checksum()
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
@@ -550,7 +250,7 @@ impl Navigator for LandmarkPaper {
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         let c = &self.state.counts;
-        let known = self.state.positioned && !self.state.exchanges.is_landmark;
+        let known = self.state.positioned && !self.state.role_exchange.is_landmark;
         let landmark = if known { c.landmark } else { [f64::NAN; 3] };
         vec![
             ("likelihood_log_mean", c.log_mean),
@@ -562,7 +262,7 @@ impl Navigator for LandmarkPaper {
             ("offset_own_bearing_rad", c.offsets[1]),
             ("offset_peer_bearing_rad", c.offsets[2]),
             ("packet_modes", c.modes as f64),
-            ("packets_untold", self.state.exchanges.untold as f64),
+            ("packets_untold", self.state.role_exchange.untold as f64),
             ("landmark_e_m", landmark[0]),
             ("landmark_n_m", landmark[1]),
             ("landmark_yaw_rad", landmark[2]),

@@ -9,7 +9,7 @@ use super::model::{Pose, from_polar, to_polar, wrap};
 use crate::kernels::landmark::{OdometryStep, predict};
 use crate::kernels::particles::gather;
 use crate::mixture::{Mode, sample_counts};
-use crate::noise::Stream;
+use crate::random::Stream;
 
 /// Three columns of poses.
 pub type Columns = [Vec<f64>; 3];
@@ -205,7 +205,7 @@ impl PaperCloud {
     }
 
     /// The old landmark's turn: own := L, landmark := M of the packet.
-    pub fn take_over(&mut self, modes: &[Mode<6>], stream: &Stream) {
+    pub fn become_landmark(&mut self, modes: &[Mode<6>], stream: &Stream) {
         (self.landmark, self.own) = Self::expand(modes, self.len(), stream);
         self.history.clear();
         self.valid_ns = i64::MIN;
@@ -215,7 +215,7 @@ impl PaperCloud {
     ///
     /// The reference of the method for several vehicles is another paper; this is METHODS' condition on the old
     /// landmark pose, applied to samples.
-    pub fn follow(&mut self, modes: &[Mode<6>], stream: &Stream) {
+    pub fn adopt_landmark(&mut self, modes: &[Mode<6>], stream: &Stream) {
         let (mover, told) = Self::expand(modes, self.len(), stream);
         let (own_mean, _) = moments(&self.own);
         let (mean, covariance) = moments(&self.landmark);

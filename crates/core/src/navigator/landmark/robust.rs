@@ -7,20 +7,22 @@ use std::sync::Arc;
 use nalgebra::Matrix3;
 use serde::{Deserialize, Serialize};
 
+use super::broadcast_belief::SentBelief;
 use super::consensus::Consensus;
-use super::joint::{Joint, Pair};
-use super::jump::Jumps;
-use super::link::Exchanges;
+use super::joint::Joint;
+use super::joint_exchange::Pair;
+use super::jump_hypotheses::JumpHypotheses;
 use super::model::Measurement;
 use super::odometry::Odometer;
 use super::options::LandmarkOptions;
-use super::rest::{Rest, Sent};
-use super::scatter::Scatter;
+use super::particles::JointParticles;
+use super::role_exchange::RoleExchange;
+use super::stationary_gyro::StationaryGyro;
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
-use crate::navigator::common::{check_event, load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status};
-use crate::noise::{Purpose, Stream, Streams};
+use crate::navigator::snapshot::{load, save};
+use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status, check_event};
+use crate::random::{Purpose, Stream, Streams};
 
 /// Which coordinates of a packet are angles.
 pub const PACKET_ANGLES: [bool; 6] = [false, false, true, false, true, true];
@@ -41,17 +43,17 @@ pub(super) struct Counts {
 }
 
 #[derive(Clone, Serialize, Deserialize)]
-pub(super) struct State {
+pub(super) struct LandmarkState {
     pub(super) odometer: Odometer,
     pub(super) joint: Joint,
-    pub(super) scatter: Option<Scatter>,
+    pub(super) scatter: Option<JointParticles>,
     pub(super) positioned: bool,
-    pub(super) exchanges: Exchanges,
-    pub(super) sent: Option<Sent>,
-    pub(super) rest: Rest,
+    pub(super) role_exchange: RoleExchange,
+    pub(super) sent: Option<SentBelief>,
+    pub(super) stationary_gyro: StationaryGyro,
     pub(super) pending: Option<(VehicleId, Pair)>,
     pub(super) consensus: Consensus,
-    pub(super) jumps: Jumps,
+    pub(super) jumps: JumpHypotheses,
     /// Logarithm of the density that the belief gave to what was measured.
     pub(super) log_evidence: f64,
     pub(super) step: u32,
@@ -63,7 +65,7 @@ pub struct Landmark {
     pub(super) own: VehicleId,
     pub(super) options: LandmarkOptions,
     pub(super) streams: Streams,
-    pub(super) state: State,
+    pub(super) state: LandmarkState,
 }
 
 impl Landmark {
@@ -76,17 +78,17 @@ impl Landmark {
         let mut unknown = Matrix3::zeros();
         unknown[(2, 2)] = UNKNOWN_YAW;
         let joint = Joint::new([0.0; 3], &unknown, options.first_landmark, options.bias_sigma);
-        let state = State {
+        let state = LandmarkState {
             odometer: Odometer::default(),
             joint,
             scatter: None,
             positioned: false,
-            exchanges: Exchanges::new(own, vehicles)?,
+            role_exchange: RoleExchange::new(own, vehicles)?,
             sent: None,
-            rest: Rest::default(),
+            stationary_gyro: StationaryGyro::default(),
             pending: None,
             consensus: Consensus::default(),
-            jumps: Jumps::default(),
+            jumps: JumpHypotheses::default(),
             log_evidence: 0.0,
             step: 0,
             counts: Counts::default(),
@@ -117,13 +119,13 @@ impl Landmark {
                 self.state.joint = scatter.joint();
             }
         } else {
-            let rest = std::mem::take(&mut self.state.rest);
+            let gyro = std::mem::take(&mut self.state.stationary_gyro);
             let mut readings = 0.0;
             for joint in self.state.jumps.joints().chain([&mut self.state.joint]) {
                 if moved {
                     joint.advance(&increment, walk);
                 }
-                readings = rest.apply(joint);
+                readings = gyro.apply(joint);
             }
             // The belief is the last of them.
             self.state.log_evidence += readings;
@@ -137,7 +139,7 @@ impl Landmark {
             self.state.positioned = true;
             let yaw_variance = joint.own_covariance()[(2, 2)];
             let start = Matrix3::new(ee, en, 0.0, en, nn, 0.0, 0.0, 0.0, yaw_variance);
-            joint.stand([position_m[0], position_m[1], joint.own()[2]], &start);
+            joint.set_own_pose([position_m[0], position_m[1], joint.own()[2]], &start);
             return Outcome::Fused;
         }
         if !joint.fix(position_m, &nalgebra::Matrix2::new(ee, en, en, nn), FIX_GATE) {
@@ -160,7 +162,7 @@ impl Landmark {
             start.fill_row(2, 0.0);
             start.fill_column(2, 0.0);
             start[(2, 2)] = variance;
-            joint.stand([own[0], own[1], super::model::wrap(yaw_rad)], &start);
+            joint.set_own_pose([own[0], own[1], super::model::wrap(yaw_rad)], &start);
             return Outcome::Fused;
         }
         let innovation = super::model::wrap(yaw_rad - own[2]);
@@ -192,9 +194,9 @@ impl Landmark {
 
     fn turn_rate(&mut self, reading: f64, sigma: f64) {
         if self.state.odometer.landed() {
-            self.state.rest.add(reading, sigma);
+            self.state.stationary_gyro.add(reading, sigma);
             if let Some(sent) = &mut self.state.sent {
-                sent.rest.add(reading, sigma);
+                sent.gyro.add(reading, sigma);
             }
         }
         self.state.odometer.yaw_rate(reading, sigma);
@@ -204,7 +206,7 @@ impl Landmark {
 impl Navigator for Landmark {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.state.odometer.now_ns())?;
-        self.state.exchanges.check(&event.payload)?;
+        self.state.role_exchange.check(&event.payload)?;
         self.state.odometer.advance(event.t_ns);
         let outcome = match &event.payload {
             Payload::GroundVelocity { velocity_mps, sigma_mps } => {
@@ -259,7 +261,7 @@ impl Navigator for Landmark {
     }
 
     fn has_checksum(&self) -> bool {
-        self.options.packet.is_sealed()
+        self.options.packet.has_checksum()
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
@@ -269,7 +271,7 @@ impl Navigator for Landmark {
         if increment.dt_s > 0.0 {
             joint.advance(&increment, self.options.gyro_bias_walk);
         }
-        self.state.rest.apply(&mut joint);
+        self.state.stationary_gyro.apply(&mut joint);
         let (own, p) = (joint.own(), joint.own_covariance());
         let (mean_m, covariance_m2) = if self.state.positioned {
             ([own[0], own[1]], [p[(0, 0)], p[(0, 1)], p[(1, 1)]])
@@ -281,7 +283,7 @@ impl Navigator for Landmark {
             mean_m,
             covariance_m2,
             yaw: self.state.positioned.then(|| (own[2], [p[(2, 0)], p[(2, 1)], p[(2, 2)]])),
-            ess: self.state.scatter.as_ref().map(Scatter::ess),
+            ess: self.state.scatter.as_ref().map(JointParticles::ess),
             rejected: self.state.counts.rejected,
             status,
         }
@@ -305,13 +307,13 @@ impl Navigator for Landmark {
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         let c = &self.state.counts;
         let b = self.state.joint.bias();
-        let known = self.state.positioned && !self.state.exchanges.is_landmark;
+        let known = self.state.positioned && !self.state.role_exchange.is_landmark;
         let landmark = if known { self.state.joint.landmark() } else { [f64::NAN; 3] };
         vec![
             ("core_particles", f64::from(u8::from(self.state.scatter.is_some()))),
             ("core_changes", c.core_changes as f64),
             ("resets", c.resets as f64),
-            ("packets_untold", self.state.exchanges.untold as f64),
+            ("packets_untold", self.state.role_exchange.untold as f64),
             ("outliers_range", c.outliers[0] as f64),
             ("outliers_own_bearing", c.outliers[1] as f64),
             ("outliers_peer_bearing", c.outliers[2] as f64),

@@ -10,11 +10,14 @@ use nalgebra::{Matrix2, Vector4};
 use serde::{Deserialize, Serialize};
 
 use super::graph::Graph;
-use super::local::{LocalOptions, Range, check_local_event};
+use super::local_options::LocalOptions;
+use super::range::Range;
+use super::sensors::check_local_event;
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Payload, VehicleId, seconds};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
-use crate::navigator::common::{Heard, Radio, Said, load, save, seconds};
+use crate::navigator::radio::{BroadcastBelief, HeardBelief, Radio};
+use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome};
 use crate::packet::{Belief, PacketKind};
 
@@ -52,11 +55,11 @@ pub struct BeliefNavigator {
     own: VehicleId,
     options: BeliefOptions,
     sound_speed_mps: f64,
-    core: Core,
+    core: ExchangeState,
 }
 
 #[derive(Clone, Serialize, Deserialize)]
-struct Core {
+struct ExchangeState {
     /// Of this vehicle alone.
     graph: Graph,
     radio: Radio,
@@ -82,7 +85,7 @@ impl BeliefNavigator {
         local.process_noise_m2_per_s3 *= options.process_noise_factor;
         local.process_noise_dvl_m2_per_s3 *= options.process_noise_factor;
         local.validate()?;
-        let core = Core {
+        let core = ExchangeState {
             graph: Graph::new(1, local),
             radio: Radio::new(own, vehicles, sound_speed_mps)?,
             last_ns: None,
@@ -93,7 +96,7 @@ impl BeliefNavigator {
 
     fn hear(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let sigma_m = self.options.local.sigma_range_m;
-        let Some(Heard { said: Said::Gaussian(belief), range_m }) =
+        let Some(HeardBelief { said: BroadcastBelief::Gaussian(belief), range_m }) =
             self.core.radio.receive(sender, tol_ns, toa_ns, bytes, sigma_m)
         else {
             self.core.graph.reject(ALONE);

@@ -6,11 +6,12 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use super::graph::{Graph, Node};
-use super::local::{LocalOptions, check_local_event};
+use super::local_options::LocalOptions;
+use super::sensors::check_local_event;
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId};
-use crate::navigator::common::{load, save};
-use crate::navigator::{Estimate, Outcome, TeamEstimator};
+use crate::navigator::snapshot::{load, save};
+use crate::navigator::{CentralEstimator, Estimate, Outcome};
 
 /// What centralised references are configured with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -132,7 +133,7 @@ impl Cekf {
     }
 }
 
-impl TeamEstimator for Cekf {
+impl CentralEstimator for Cekf {
     fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error> {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;
@@ -270,7 +271,7 @@ impl Received {
     }
 }
 
-impl TeamEstimator for Received {
+impl CentralEstimator for Received {
     fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error> {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;

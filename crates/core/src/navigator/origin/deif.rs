@@ -7,14 +7,17 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{LocalOptions, Range, check_local_event, estimate};
+use super::joint_filter::{JointFilter, PeerUpdate};
+use super::local::estimate;
+use super::local_options::LocalOptions;
+use super::range::Range;
+use super::sensors::check_local_event;
 use super::server::{Launch, Server};
-use super::team::{News, TeamFilter};
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId};
-use crate::information::{Gaussian, NODE, Step};
+use crate::information::{Gaussian, GraphStep, NODE};
 use crate::link::ReceiveWindow;
-use crate::navigator::common::{load, save};
+use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome};
 use crate::packet::graph::DeltaMessage;
 
@@ -29,18 +32,18 @@ pub enum Repair {
 
 /// A server's newest node at the client: its counter, and the server's own belief about it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Peer {
+struct DeifPeer {
     window: ReceiveWindow,
     newest: Option<(u64, Gaussian<NODE>)>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Core {
+struct DeifState {
     server: Server,
     /// The launch that the client is known to hold.
     delivered: Option<u64>,
-    team: TeamFilter,
-    peers: Vec<Peer>,
+    joint_filter: JointFilter,
+    peers: Vec<DeifPeer>,
     rejected: u64,
     missed: u64,
 }
@@ -52,7 +55,7 @@ pub struct Deif {
     options: LocalOptions,
     repair: Repair,
     sound_speed_mps: f64,
-    core: Core,
+    core: DeifState,
 }
 
 impl Deif {
@@ -80,11 +83,11 @@ impl Deif {
                 bound: "1",
             });
         }
-        let peer = || Peer { window: ReceiveWindow::new(), newest: None };
-        let core = Core {
+        let peer = || DeifPeer { window: ReceiveWindow::new(), newest: None };
+        let core = DeifState {
             server: Server::new(options, &vec![false; ranging.len()], 1)?,
             delivered: None,
-            team: TeamFilter::new(options, ranging.len()),
+            joint_filter: JointFilter::new(options, ranging.len()),
             peers: ranging.iter().map(|_| peer()).collect(),
             rejected: 0,
             missed: 0,
@@ -152,12 +155,12 @@ impl Deif {
     }
 
     /// From the newest node held to the packet's, or the first one; `None` when deltas in between are missing.
-    fn news(
+    fn peer_update(
         &self,
         sender: VehicleId,
         counter: u64,
         message: &DeltaMessage,
-    ) -> Result<Option<(News, Gaussian<NODE>)>, Error> {
+    ) -> Result<Option<(PeerUpdate, Gaussian<NODE>)>, Error> {
         let (start, begun, missing) = match self.core.peers[usize::from(sender)].newest {
             Some((held, gaussian)) => {
                 let age = counter.saturating_sub(held);
@@ -173,13 +176,13 @@ impl Deif {
             },
         };
         let Some(deltas) = message.deltas.get(..missing) else { return Ok(None) };
-        let (mut all, mut node) = (Step::identity(), start);
+        let (mut all, mut node) = (GraphStep::identity(), start);
         for delta in deltas.iter().rev() {
-            let step = Step::from_information(delta, &node)?;
+            let step = GraphStep::from_information(delta, &node)?;
             node = step.apply(&node)?;
             all = all.then(&step)?;
         }
-        Ok(Some((if begun { News::First(node) } else { News::Step(all) }, node)))
+        Ok(Some((if begun { PeerUpdate::First(node) } else { PeerUpdate::Step(all) }, node)))
     }
 
     fn receive(
@@ -208,7 +211,7 @@ impl Deif {
             self.options.sigma_range_m,
         );
         let Ok(range) = range else { return Ok(self.reject()) };
-        let (news, node) = match self.news(sender, admission.counter, &message) {
+        let (update, node) = match self.peer_update(sender, admission.counter, &message) {
             Ok(Some(found)) => found,
             Ok(None) => {
                 self.core.missed += 1;
@@ -216,11 +219,11 @@ impl Deif {
             }
             Err(_) => return Ok(self.reject()),
         };
-        match self.core.team.hear(sender, news, range, toa_ns, self.process_noise()) {
+        match self.core.joint_filter.hear(sender, update, range, toa_ns, self.process_noise()) {
             Ok(Outcome::Fused) => {}
             Ok(_) => {
                 // The server takes a packet that arrived for one that is held: its delta must not be lost with the range.
-                let held = self.core.team.hear(sender, news, None, toa_ns, self.process_noise());
+                let held = self.core.joint_filter.hear(sender, update, None, toa_ns, self.process_noise());
                 if held != Ok(Outcome::Fused) {
                     return Ok(self.reject());
                 }
@@ -270,7 +273,7 @@ impl Navigator for Deif {
                 let mut server = self.core.server.clone();
                 let (outcome, fused) = server.sense(event.t_ns, payload)?;
                 if let Some(fused) = fused {
-                    self.core.team.sense(event.t_ns, &fused)?;
+                    self.core.joint_filter.sense(event.t_ns, &fused)?;
                 }
                 self.core.server = server;
                 Ok(outcome)
@@ -300,7 +303,7 @@ impl Navigator for Deif {
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
-        let node = self.core.team.own_at(t_ns, self.process_noise());
+        let node = self.core.joint_filter.own_at(t_ns, self.process_noise());
         estimate(node.as_ref(), t_ns, self.core.rejected + self.core.server.filter.rejected)
     }
 
@@ -309,7 +312,7 @@ impl Navigator for Deif {
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let core: Core = load(snapshot)?;
+        let core: DeifState = load(snapshot)?;
         if core.peers.len() != self.ranging.len() {
             return Err(Error::Snapshot("made with another team".into()));
         }

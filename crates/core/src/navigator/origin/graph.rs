@@ -2,11 +2,13 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{FixGate, Half, Linear, LocalOptions, Range, Reading, Sensors, estimate, start};
-use super::odometry::{Odometer, Step, drift};
-use crate::event::{Payload, VehicleId};
+use super::local::{estimate, start};
+use super::local_options::LocalOptions;
+use super::odometry::{Odometer, OdometryStep, drift};
+use super::range::Range;
+use super::sensors::{FixGate, Half, Linear, SensorReading, Sensors};
+use crate::event::{Payload, VehicleId, seconds};
 use crate::information::{Gaussian, Joint, NODE};
-use crate::navigator::common::seconds;
 use crate::navigator::{Estimate, Outcome};
 use crate::packet::Header;
 
@@ -22,13 +24,13 @@ pub enum Node {
 /// What a sensor event did to a node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "one at a time, on the stack")]
-pub enum Told {
+pub enum NodeChange {
     /// Nothing.
     Nothing,
     /// It was measured.
     Linear(Linear),
     /// It moved.
-    Moved(Step),
+    Moved(OdometryStep),
 }
 
 /// What a vehicle's own events come to.
@@ -43,7 +45,7 @@ struct Member {
 
 impl Member {
     /// What time alone does to the node until `t_ns`.
-    fn drift(&self, t_ns: i64, options: &LocalOptions) -> Step {
+    fn drift(&self, t_ns: i64, options: &LocalOptions) -> OdometryStep {
         let dt_s = seconds(t_ns.saturating_sub(self.now_ns.unwrap_or(t_ns)));
         drift(self.odometer.moves(), dt_s, self.sensors.process_noise_m2_per_s3(options))
     }
@@ -121,7 +123,7 @@ impl Graph {
 
     /// What time alone does to a vehicle's node until `t_ns`.
     #[must_use]
-    pub fn drift(&self, vehicle: usize, t_ns: i64) -> Step {
+    pub fn drift(&self, vehicle: usize, t_ns: i64) -> OdometryStep {
         self.members[vehicle].drift(t_ns, &self.options)
     }
 
@@ -132,7 +134,7 @@ impl Graph {
         if let (Some(node), Some(now_ns)) = (node, member.now_ns)
             && t_ns > now_ns
         {
-            let Step { transition, offset, noise } = member.drift(t_ns, &self.options);
+            let OdometryStep { transition, offset, noise } = member.drift(t_ns, &self.options);
             self.joint.propagate(node, &transition, &offset, &noise);
         }
         member.now_ns = Some(member.now_ns.map_or(t_ns, |now_ns| now_ns.max(t_ns)));
@@ -144,8 +146,8 @@ impl Graph {
     }
 
     /// As [`Graph::sense`], and what it did to the node.
-    pub fn sense_and_tell(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> (Outcome, Told) {
-        let nothing = (Outcome::Noted, Told::Nothing);
+    pub fn sense_and_tell(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> (Outcome, NodeChange) {
+        let nothing = (Outcome::Noted, NodeChange::Nothing);
         // Headings come at tens of hertz and are only kept: nothing has to move for them.
         if matches!(payload, Payload::Heading { .. } | Payload::Depth { .. }) {
             let member = &mut self.members[vehicle];
@@ -155,32 +157,34 @@ impl Graph {
         }
         self.advance(vehicle, t_ns);
         if matches!(payload, Payload::Odometry { .. }) {
-            return self.step(vehicle, payload).map_or(nothing, |step| (Outcome::Fused, Told::Moved(step)));
+            return self
+                .step(vehicle, payload)
+                .map_or(nothing, |step| (Outcome::Fused, NodeChange::Moved(step)));
         }
         match self.members[vehicle].sensors.read(t_ns, payload) {
-            Reading::Nothing => nothing,
-            Reading::Refused => {
+            SensorReading::Nothing => nothing,
+            SensorReading::Refused => {
                 self.reject(vehicle);
-                (Outcome::Gated, Told::Nothing)
+                (Outcome::Gated, NodeChange::Nothing)
             }
             // The node of a vehicle with odometry has no velocity to be measured.
-            Reading::Linear(linear)
+            SensorReading::Linear(linear)
                 if linear.half == Half::Velocity && self.members[vehicle].odometer.moves() =>
             {
                 nothing
             }
-            Reading::Linear(linear) => self.measure(vehicle, &linear),
+            SensorReading::Linear(linear) => self.measure(vehicle, &linear),
         }
     }
 
-    fn measure(&mut self, vehicle: usize, linear: &Linear) -> (Outcome, Told) {
+    fn measure(&mut self, vehicle: usize, linear: &Linear) -> (Outcome, NodeChange) {
         let Some(node) = self.find(Node::Current(vehicle as VehicleId)) else {
             if linear.half == Half::Velocity {
-                return (Outcome::Noted, Told::Nothing);
+                return (Outcome::Noted, NodeChange::Nothing);
             }
             self.joint.push(&start(linear, &self.options));
             self.nodes.push(Node::Current(vehicle as VehicleId));
-            return (Outcome::Fused, Told::Nothing);
+            return (Outcome::Fused, NodeChange::Nothing);
         };
         let innovation = self.joint.pair_innovation(node, linear.first(), &linear.value, &linear.noise);
         match innovation {
@@ -188,20 +192,20 @@ impl Graph {
                 if self.members[vehicle].gate.admits(linear.half, innovation.squared, &self.options) =>
             {
                 self.joint.fuse(&innovation);
-                (Outcome::Fused, Told::Linear(*linear))
+                (Outcome::Fused, NodeChange::Linear(*linear))
             }
             _ => {
                 self.reject(vehicle);
-                (Outcome::Gated, Told::Nothing)
+                (Outcome::Gated, NodeChange::Nothing)
             }
         }
     }
 
     /// Moves a vehicle by its odometry. With the first of it, the node forgets its velocity.
-    fn step(&mut self, vehicle: usize, payload: &Payload) -> Option<Step> {
+    fn step(&mut self, vehicle: usize, payload: &Payload) -> Option<OdometryStep> {
         let node = self.find(Node::Current(vehicle as VehicleId));
         let member = &mut self.members[vehicle];
-        let fresh = if member.odometer.moves() { Step::rest() } else { Step::begin() };
+        let fresh = if member.odometer.moves() { OdometryStep::rest() } else { OdometryStep::begin() };
         let mean = node.map(|node| fresh.transition * self.joint.node_mean(node));
         let step = fresh.then(&member.odometer.read(payload, mean.as_ref())?);
         self.joint.propagate(node?, &step.transition, &step.offset, &step.noise);
@@ -253,14 +257,14 @@ impl Graph {
     /// Moves a node along its velocity, without noise.
     fn shift(&mut self, vehicle: usize, node: usize, dt_s: f64) {
         if dt_s != 0.0 {
-            let Step { transition, offset, noise } = self.coast(vehicle, dt_s);
+            let OdometryStep { transition, offset, noise } = self.coast(vehicle, dt_s);
             self.joint.propagate(node, &transition, &offset, &noise);
         }
     }
 
     /// What time alone does to a vehicle's node if nothing pushes it.
     #[must_use]
-    pub fn coast(&self, vehicle: usize, dt_s: f64) -> Step {
+    pub fn coast(&self, vehicle: usize, dt_s: f64) -> OdometryStep {
         drift(self.members[vehicle].odometer.moves(), dt_s, 0.0)
     }
 

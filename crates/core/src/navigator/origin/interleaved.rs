@@ -15,14 +15,17 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::graph::{Graph, Told};
-use super::local::{LocalOptions, Range, check_local_event, estimate};
-use super::odometry::Step;
+use super::graph::{Graph, NodeChange};
+use super::local::estimate;
+use super::local_options::LocalOptions;
+use super::odometry::OdometryStep;
+use super::range::Range;
+use super::sensors::check_local_event;
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
 use crate::link::{ReceiveWindow, Sequencer};
-use crate::navigator::common::{load, save};
+use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome};
 use crate::packet::{BankPacket, Belief, Header, HeardBitmap, Member, Origins, PacketKind};
 
@@ -46,7 +49,7 @@ pub struct Interleaved {
     own: VehicleId,
     options: InterleavedOptions,
     sound_speed_mps: f64,
-    core: Core,
+    core: InterleavedState,
 }
 
 /// A filter that others' sensors have gone into.
@@ -57,7 +60,7 @@ struct Helped {
 }
 
 #[derive(Clone, Serialize, Deserialize)]
-struct Core {
+struct InterleavedState {
     /// Own sensors alone.
     graph: Graph,
     /// Stamp of the last event, ns.
@@ -92,7 +95,7 @@ impl Interleaved {
                 bound: "1 to 8: a bank has a filter for every set of vehicles",
             });
         }
-        let core = Core {
+        let core = InterleavedState {
             graph: Graph::new(1, options.local),
             last_ns: None,
             alone: Origins::of(own)?,
@@ -123,12 +126,12 @@ impl Interleaved {
         }
         let (outcome, told) = self.core.graph.sense_and_tell(ALONE, t_ns, payload);
         match told {
-            Told::Nothing => {}
+            NodeChange::Nothing => {}
             // A filter that cannot take it is lost: the one alone never is.
-            Told::Linear(linear) => self.core.bank.retain_mut(|helped| {
+            NodeChange::Linear(linear) => self.core.bank.retain_mut(|helped| {
                 helped.node.update(&linear.observe(), &linear.value, &linear.noise).is_ok()
             }),
-            Told::Moved(step) => self.move_bank(&step),
+            NodeChange::Moved(step) => self.move_bank(&step),
         }
         outcome
     }
@@ -140,7 +143,7 @@ impl Interleaved {
         self.core.graph.advance(ALONE, t_ns);
     }
 
-    fn move_bank(&mut self, step: &Step) {
+    fn move_bank(&mut self, step: &OdometryStep) {
         for helped in &mut self.core.bank {
             helped.node = step.applied(&helped.node);
         }
@@ -216,7 +219,7 @@ fn join(
     filter: &Helped,
     member: &Member,
     range: &Range,
-    (back, forth): (&Step, &Step),
+    (back, forth): (&OdometryStep, &OdometryStep),
     gate_sigmas: f64,
 ) -> Option<Helped> {
     let mut sender = Gaussian { mean: NodeVector::zeros(), covariance: NodeMatrix::zeros() };

@@ -11,17 +11,21 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{LocalOptions, Range, check_local_event, estimate};
+use super::joint_filter::{JointFilter, PeerUpdate};
+use super::local::estimate;
+use super::local_options::LocalOptions;
+use super::range::Range;
+use super::sensors::check_local_event;
 use super::server::{Launch, Server};
-use super::team::{News, TeamFilter};
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId};
-use crate::information::replica::{GraphPacket, Method, Methods, Plan, Replica};
+use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::information::graph_packet::GraphPacket;
+use crate::information::replica::{JoinPlan, Method, Methods, Replica};
 use crate::link::{AckBitmap, Admission, ReceiveWindow};
-use crate::navigator::common::{load, save, seconds};
+use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::packet::graph::rounded::rounded_lags;
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
-use crate::packet::graph_rounded::rounded_lags;
 
 /// Options of [`Mdeif`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +42,7 @@ pub struct MdeifOptions {
 
 /// What a client keeps of a peer whose packets it uses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Peer {
+struct MdeifPeer {
     window: ReceiveWindow,
     replica: Replica,
     received: AckBitmap,
@@ -57,11 +61,11 @@ struct Counts {
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct Core {
+struct MdeifState {
     server: Server,
-    team: TeamFilter,
+    joint_filter: JointFilter,
     /// By vehicle; of this one without use.
-    peers: Vec<Peer>,
+    peers: Vec<MdeifPeer>,
     rejected: u64,
     counts: Counts,
 }
@@ -73,7 +77,7 @@ pub struct Mdeif {
     ranging: Vec<bool>,
     options: MdeifOptions,
     sound_speed_mps: f64,
-    core: Core,
+    core: MdeifState,
 }
 
 impl Mdeif {
@@ -95,16 +99,16 @@ impl Mdeif {
         let mut clients = ranging.to_vec();
         clients[usize::from(own)] = false;
         let acknowledged = options.form.acknowledged();
-        let peer = || -> Result<Peer, Error> {
-            Ok(Peer {
+        let peer = || -> Result<MdeifPeer, Error> {
+            Ok(MdeifPeer {
                 window: ReceiveWindow::new(),
                 replica: Replica::new(options.form != GraphForm::F64),
                 received: AckBitmap::new(acknowledged)?,
             })
         };
-        let core = Core {
+        let core = MdeifState {
             server: Server::new(options.local, &clients, acknowledged)?,
-            team: TeamFilter::new(options.local, ranging.len()),
+            joint_filter: JointFilter::new(options.local, ranging.len()),
             peers: ranging.iter().map(|_| peer()).collect::<Result<_, _>>()?,
             rejected: 0,
             counts: Counts::default(),
@@ -209,7 +213,7 @@ impl Mdeif {
         let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, message.depth_m, local.sigma_range_m);
         let Ok(range) = range else { return Ok(self.reject()) };
         let replica = &self.core.peers[usize::from(sender)].replica;
-        let plan: Plan = match replica.plan(graph, &self.options.methods) {
+        let plan: JoinPlan = match replica.plan(graph, &self.options.methods) {
             Ok(Some(plan)) => plan,
             Ok(None) => {
                 self.core.counts.unknown_origin += 1;
@@ -220,12 +224,12 @@ impl Mdeif {
                 return Ok(self.reject());
             }
         };
-        let news = match plan.method {
-            Method::Begun => News::First(plan.node.filtered),
-            _ => News::Step(plan.step),
+        let update = match plan.method {
+            Method::Begun => PeerUpdate::First(plan.node.filtered),
+            _ => PeerUpdate::Step(plan.step),
         };
         let q = self.process_noise();
-        let outcome = match self.core.team.hear(sender, news, range, toa_ns, q) {
+        let outcome = match self.core.joint_filter.hear(sender, update, range, toa_ns, q) {
             Ok(Outcome::Fused) => Outcome::Fused,
             Ok(_) => {
                 self.core.rejected += 1;
@@ -274,7 +278,7 @@ impl Navigator for Mdeif {
         let mut server = self.core.server.clone();
         let (outcome, fused) = server.sense(event.t_ns, &event.payload)?;
         if let Some(fused) = fused {
-            self.core.team.sense(event.t_ns, &fused)?;
+            self.core.joint_filter.sense(event.t_ns, &fused)?;
         }
         self.core.server = server;
         Ok(outcome)
@@ -316,7 +320,7 @@ impl Navigator for Mdeif {
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
-        let node = self.core.team.own_at(t_ns, self.process_noise());
+        let node = self.core.joint_filter.own_at(t_ns, self.process_noise());
         estimate(node.as_ref(), t_ns, self.core.rejected + self.core.server.filter.rejected)
     }
 
@@ -325,7 +329,7 @@ impl Navigator for Mdeif {
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let core: Core = load(snapshot)?;
+        let core: MdeifState = load(snapshot)?;
         if core.peers.len() != self.ranging.len() {
             return Err(Error::Snapshot("made with another team".into()));
         }
@@ -334,7 +338,7 @@ impl Navigator for Mdeif {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let Core { server, counts, .. } = &self.core;
+        let MdeifState { server, counts, .. } = &self.core;
         let now_ns = server.filter.now_ns.unwrap_or(0);
         let age = server.origin().map_or(f64::NAN, |node| seconds(now_ns.saturating_sub(node.tol_ns)));
         vec![

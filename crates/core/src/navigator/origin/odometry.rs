@@ -20,7 +20,7 @@ const SIGMA_SCALE0: f64 = 1e-3;
 
 /// A linearised step of a node: x ← F x + offset + N(0, noise).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Step {
+pub struct OdometryStep {
     /// F.
     pub transition: NodeMatrix,
     /// What F does not say.
@@ -29,7 +29,7 @@ pub struct Step {
     pub noise: NodeMatrix,
 }
 
-impl Step {
+impl OdometryStep {
     /// Nothing moves.
     #[must_use]
     pub fn rest() -> Self {
@@ -91,8 +91,8 @@ pub struct Move {
 impl Move {
     /// Its step, linearised at the node's mean.
     #[must_use]
-    pub fn step(&self, node: &NodeVector) -> Step {
-        let fresh = if self.first { Step::begin() } else { Step::rest() };
+    pub fn step(&self, node: &NodeVector) -> OdometryStep {
+        let fresh = if self.first { OdometryStep::begin() } else { OdometryStep::rest() };
         fresh.then(&step(&self.body_m, self.yaw_rad, &self.covariance, &(fresh.transition * node)))
     }
 }
@@ -130,7 +130,7 @@ impl Odometer {
 
     /// Reads a heading, the first of which is where yaw changes are counted from, or an odometry event; the latter, once
     /// there is a heading and a `node`, gives the step that it tells.
-    pub fn read(&mut self, payload: &Payload, node: Option<&NodeVector>) -> Option<Step> {
+    pub fn read(&mut self, payload: &Payload, node: Option<&NodeVector>) -> Option<OdometryStep> {
         match *payload {
             Payload::Heading { yaw_rad, .. } if !self.moves => {
                 self.yaw_rad = Some(yaw_rad);
@@ -148,7 +148,7 @@ impl Odometer {
 }
 
 /// The step of a displacement in the body frame, linearised at the node's heading error and scale.
-fn step(body_m: &Vector2<f64>, yaw_rad: f64, covariance: &[f64; 6], node: &NodeVector) -> Step {
+fn step(body_m: &Vector2<f64>, yaw_rad: f64, covariance: &[f64; 6], node: &NodeVector) -> OdometryStep {
     let [ff, fl, fy, ll, ly, yy] = *covariance;
     let (s, c) = (yaw_rad + node[2]).sin_cos();
     let turn = Matrix2::new(c, -s, s, c);
@@ -165,16 +165,16 @@ fn step(body_m: &Vector2<f64>, yaw_rad: f64, covariance: &[f64; 6], node: &NodeV
     noise.fixed_view_mut::<2, 1>(0, 2).copy_from(&with_yaw);
     noise.fixed_view_mut::<1, 2>(2, 0).copy_from(&with_yaw.transpose());
     noise[(2, 2)] = yy;
-    Step { transition, offset: NodeVector::new(shift.x, shift.y, 0.0, 0.0), noise }
+    OdometryStep { transition, offset: NodeVector::new(shift.x, shift.y, 0.0, 0.0), noise }
 }
 
 /// The step of time alone: white acceleration of this spectral density, or rest for a vehicle with odometry.
 #[must_use]
-pub fn drift(moves_by_odometry: bool, dt_s: f64, q_m2_per_s3: f64) -> Step {
+pub fn drift(moves_by_odometry: bool, dt_s: f64, q_m2_per_s3: f64) -> OdometryStep {
     if moves_by_odometry {
-        return Step::rest();
+        return OdometryStep::rest();
     }
-    Step {
+    OdometryStep {
         transition: process::transition(dt_s),
         offset: NodeVector::zeros(),
         noise: process::noise(dt_s, q_m2_per_s3),

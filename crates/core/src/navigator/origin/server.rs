@@ -2,18 +2,19 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::local::{Change, Fused, LocalFilter, LocalOptions};
+use super::local::{Change, Fused, LocalFilter};
+use super::local_options::LocalOptions;
 use super::odometry;
 use crate::error::Error;
-use crate::event::{Payload, VehicleId};
+use crate::event::{Payload, VehicleId, seconds};
 use crate::information::chain::joint_of;
-use crate::information::replica::{GraphPacket, Lag, NODES_MAX, Tie};
-use crate::information::{Chain, Gaussian, NODE, Node, NodeMatrix, Step, process};
+use crate::information::graph_packet::{GraphPacket, Lag, OriginCorrelation};
+use crate::information::replica::NODES_MAX;
+use crate::information::{Chain, Gaussian, GraphStep, NODE, Node, NodeMatrix, process};
 use crate::link::{AckBitmap, LinkError, Sequencer};
 use crate::navigator::Outcome;
-use crate::navigator::common::seconds;
+use crate::packet::graph::rounded::{UnroundedPacket, rounded};
 use crate::packet::graph::{GraphForm, lag_ids, rounded_lag_ids};
-use crate::packet::graph_rounded::{Told, rounded};
 
 /// The local filter, its graph of launches, and what the clients hold of it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -22,7 +23,7 @@ pub struct Server {
     pub filter: LocalFilter,
     chain: Chain,
     /// From the newest node to the filter's own at `since_ns`.
-    since: Step,
+    since: GraphStep,
     since_ns: i64,
     /// Counts the packets: a node's id is its packet's counter.
     pub sequencer: Sequencer,
@@ -39,7 +40,7 @@ pub struct Launch {
     /// Its node, exact.
     pub node: Node,
     /// From the last node.
-    pub step: Step,
+    pub step: GraphStep,
     filter: LocalFilter,
 }
 
@@ -56,7 +57,7 @@ impl Server {
         Ok(Self {
             filter: LocalFilter::new(options)?,
             chain: Chain::new(),
-            since: Step::identity(),
+            since: GraphStep::identity(),
             since_ns: 0,
             sequencer: Sequencer::new(),
             acknowledged,
@@ -101,7 +102,7 @@ impl Server {
                     since.update(&linear.observe(), &linear.value, &linear.noise)?;
                 }
                 Change::Moved(_) => {
-                    let step = step.unwrap_or_else(odometry::Step::rest);
+                    let step = step.unwrap_or_else(odometry::OdometryStep::rest);
                     since.predict(&step.transition, &step.noise);
                     since.offset += step.offset;
                 }
@@ -113,7 +114,7 @@ impl Server {
     }
 
     /// From the newest node to `t_ns`.
-    fn since_at(&self, t_ns: i64, q_m2_per_s3: f64) -> Step {
+    fn since_at(&self, t_ns: i64, q_m2_per_s3: f64) -> GraphStep {
         let dt_s = seconds(t_ns.saturating_sub(self.since_ns));
         let mut since = self.since;
         if self.filter.odometer.moves() {
@@ -139,7 +140,7 @@ impl Server {
     }
 
     /// From an older node (by place) to the launch.
-    fn step_to(&self, launch: &Launch, place: usize) -> Result<Step, Error> {
+    fn step_to(&self, launch: &Launch, place: usize) -> Result<GraphStep, Error> {
         self.chain.between(place, self.chain.nodes().len() - 1)?.then(&launch.step)
     }
 
@@ -150,7 +151,12 @@ impl Server {
     pub fn exact_packet(&self, launch: &Launch, lags: usize) -> Result<GraphPacket, Error> {
         let id = launch.node.id;
         let Some(place) = self.origin_place() else {
-            return Ok(GraphPacket { node: launch.node, origin: id, tie: Tie::Begin, lags: Vec::new() });
+            return Ok(GraphPacket {
+                node: launch.node,
+                origin: id,
+                tie: OriginCorrelation::Begin,
+                lags: Vec::new(),
+            });
         };
         let origin = self.chain.nodes()[place].id;
         let joint =
@@ -160,7 +166,12 @@ impl Server {
             let Some(place) = self.chain.place(lag) else { break };
             exact.push((lag, Lag::Joint(joint(place)?)));
         }
-        Ok(GraphPacket { node: launch.node, origin, tie: Tie::Joint(joint(place)?), lags: exact })
+        Ok(GraphPacket {
+            node: launch.node,
+            origin,
+            tie: OriginCorrelation::Joint(joint(place)?),
+            lags: exact,
+        })
     }
 
     /// What a rounded packet says; `lags` launches exactly, where the form has room.
@@ -173,7 +184,7 @@ impl Server {
         form: GraphForm,
         lags: usize,
     ) -> Result<GraphPacket, Error> {
-        let mut told = Told { node: launch.node, origin: None, lags: Vec::new() };
+        let mut told = UnroundedPacket { node: launch.node, origin: None, lags: Vec::new() };
         if let (Some(origin), Some(transition)) = (self.origin(), self.error_transition(launch)?) {
             told.origin = Some((origin.id, self.sent_of(origin), transition));
             for id in rounded_lag_ids(launch.node.id, origin.id).take(lags) {
@@ -215,7 +226,7 @@ impl Server {
     ///
     /// # Errors
     /// What composing steps says.
-    pub fn step_from(&self, launch: &Launch, id: u64) -> Result<Option<Step>, Error> {
+    pub fn step_from(&self, launch: &Launch, id: u64) -> Result<Option<GraphStep>, Error> {
         self.chain.place(id).map(|place| self.step_to(launch, place)).transpose()
     }
 
@@ -232,7 +243,7 @@ impl Server {
         self.sequencer.take()?;
         self.chain = chain;
         self.filter = launch.filter.clone();
-        (self.since, self.since_ns) = (Step::identity(), launch.node.tol_ns);
+        (self.since, self.since_ns) = (GraphStep::identity(), launch.node.tol_ns);
         self.origin.get_or_insert(launch.node.id);
         self.sent.extend(sent.map(|sent| (launch.node.id, sent)));
         let chain = &self.chain;

@@ -4,8 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::event::VehicleId;
-use crate::kernels::team::{BLOCK, JitterScratch, jitter_followers, packed, packed_len};
-use crate::noise::Stream;
+use crate::kernels::jitter::{JitterScratch, jitter_followers};
+use crate::kernels::team::{BLOCK, packed, packed_len};
+use crate::random::Stream;
 
 /// The Gaussian of one group of teammates for each of N particles.
 ///

@@ -1,16 +1,16 @@
 //! A packet of a teammate: read, put in the order of time, run over every particle's Gaussian, weighed.
 
 use super::group::Group;
-use super::program::{Reading, Target};
+use super::packet_updates::{ReportModel, Target};
 use super::{Team, Teammate};
 use crate::chart::{Chart, SigmaMap};
 use crate::event::VehicleId;
 use crate::kernels::lookup::{Grid, Paired, bilinear};
-use crate::kernels::team::{BLOCK, Joints, MapSigma, Op, Own, Program as Run, Terrain, run};
+use crate::kernels::team::{BLOCK, BlockUpdates, Joints, MapSigma, Op, Own, Terrain, run};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
 use crate::link::{range_m, slant_to_horizontal};
 use crate::navigator::Outcome;
-use crate::navigator::common::SLANT_GATES;
+use crate::navigator::radio::SLANT_GATES;
 use crate::packet::{FixSays, TeamReport};
 
 /// A packet that would leave too few particles has its weights quartered at most so many times.
@@ -47,7 +47,7 @@ impl<const K: usize> Team<K> {
             return Outcome::Noted;
         }
         let Some(range_m) = self.read(sender, tol_ns, toa_ns, bytes) else {
-            self.mpf.state.core.rejected += 1;
+            self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         };
         let Some(mate) = self.known_or_joined(sender, tol_ns) else { return Outcome::Noted };
@@ -59,13 +59,13 @@ impl<const K: usize> Team<K> {
     fn read(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Option<f64> {
         let report = &mut self.scratch.report;
         report.decode(bytes, &self.layout, sender, tol_ns).ok()?;
-        let core = &self.mpf.state.core;
+        let core = &self.terrain.state.core;
         core.displacement_since(toa_ns).filter(|_| core.started())?;
         // Local data in the past of what is known cannot be taken up any more.
         if self.state.mates.get(usize::from(sender))?.is_some_and(|m| tol_ns <= m.tol_ns) {
             return None;
         }
-        let radio = &mut self.mpf.state.radio;
+        let radio = &mut self.radio;
         let slant_m = range_m(tol_ns, toa_ns, radio.sound_speed_mps).ok()?;
         let sigma_m = self.options.sigma_range_m;
         let horizontal =
@@ -81,7 +81,7 @@ impl<const K: usize> Team<K> {
         let modulus = report.position_modulus_m;
         let reference = match &self.state.mates[usize::from(sender)] {
             Some(mate) => mate.position_m,
-            None => self.mpf.state.core.cloud.position_moments().0,
+            None => self.terrain.state.core.cloud.position_moments().0,
         };
         for (position, reference) in report.position_m.iter_mut().zip(reference) {
             *position = unwrap_near(*position, modulus, reference);
@@ -104,8 +104,8 @@ impl<const K: usize> Team<K> {
             FixSays::Residual(residual_m) => {
                 let mut before = mate;
                 before.tol_ns = i64::MIN;
-                self.scratch.program.trace(report, tol_ns, &before);
-                let reckoned = self.scratch.program.at(mate.tol_ns);
+                self.scratch.updates.trace(report, tol_ns, &before);
+                let reckoned = self.scratch.updates.at(mate.tol_ns);
                 mate.position_m = [0, 1].map(|a| report.position_m[a] + reckoned[a]);
                 residual_m
             }
@@ -114,10 +114,10 @@ impl<const K: usize> Team<K> {
         self.scratch.report.fix = None;
         let drift = &self.options.drifts[usize::from(sender)];
         // One sea, one tide: each particle's own offset, with what it does not know of it.
-        let cloud = &self.mpf.state.core.cloud;
+        let cloud = &self.terrain.state.core.cloud;
         let doubt = weighted_mean(cloud.weights(), &cloud.offset_variance);
         let shared_m = (doubt + self.options.offset_difference_m.powi(2)).sqrt();
-        let prior_m = self.options.core.sigma_offset0_m;
+        let prior_m = self.options.terrain.sigma_offset0_m;
         let offset = (shared_m < prior_m).then_some(cloud.offset.as_slice());
         let sigmas: [f64; BLOCK] = [
             fix.sigma_m,
@@ -137,47 +137,47 @@ impl<const K: usize> Team<K> {
     fn fuse(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, range_m: f64, mate: Teammate) {
         let index = self.group_of(sender);
         let Some(base) = self.state.groups[index].base_of(sender) else { return };
-        self.scratch.program.trace(&self.scratch.report, tol_ns, &mate);
+        self.scratch.updates.trace(&self.scratch.report, tol_ns, &mate);
         let shift_m = self.depth_shift(index, base, tol_ns, &mate);
         let mut drift = self.options.drifts[usize::from(sender)];
         let share = self.options.current_difference.min(1.0);
         drift.sigma_current_mps_per_sqrt_s *= share;
-        if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.mpf.state.core.now_ns()) {
-            let linear = &self.mpf.state.core.cloud.linear;
+        if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.terrain.state.core.now_ns()) {
+            let linear = &self.terrain.state.core.cloud.linear;
             let ago_s = (now_ns - tol_ns) as f64 * 1e-9;
             let hidden = current.since(sender, linear, ago_s, &mut self.scratch.current);
             drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(hidden.sqrt());
         }
-        let correlation = self.mpf.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
-        let reading = Reading {
+        let correlation = self.terrain.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
+        let model = ReportModel {
             report: &self.scratch.report,
             tol_ns,
             drift: &drift,
-            offset_walk_m2: self.options.core.sigma_offset_m_per_sounding.powi(2),
-            sounding_m2: self.options.core.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
-            correlation_m: self.options.core.correlation_length_m.unwrap_or(correlation),
+            offset_walk_m2: self.options.terrain.sigma_offset_m_per_sounding.powi(2),
+            sounding_m2: self.options.terrain.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
+            correlation_m: self.options.terrain.correlation_length_m.unwrap_or(correlation),
             range_m2: self.options.sigma_range_m.powi(2),
         };
-        let targets = targets(&self.scratch.report, &self.state, index, self.mpf.own);
-        let speed = self.mpf.state.radio.sound_speed_mps;
+        let targets = targets(&self.scratch.report, &self.state, index, self.own);
+        let speed = self.radio.sound_speed_mps;
         let ranges = targets.map(|(launch_ns, range_m, target)| {
             (launch_ns.saturating_add((range_m / speed * 1e9) as i64), range_m, target)
         });
-        let since_sounding_m = self.scratch.program.build(&reading, &mate, shift_m, ranges);
+        let since_sounding_m = self.scratch.updates.build(&model, &mate, shift_m, ranges);
         let sequence = self.scratch.report.sequence;
         let position_m = self.scratch.report.position_m;
 
-        let mut column = self.mpf.state.core.cloud.likelihood_column();
+        let mut column = self.terrain.state.core.cloud.likelihood_column();
         self.run(index, base, &mut column);
         self.own_positions(toa_ns);
         if self.contradicts(index, base, range_m) {
-            self.mpf.state.core.rejected += 1;
+            self.terrain.state.core.rejected += 1;
         } else {
             let variance_m2 = self.options.sigma_range_m.powi(2);
-            self.scratch.program.ops.clear();
-            self.scratch.program.ops.push(Op::RangeToOwn { own: 1, range_m, variance_m2 });
+            self.scratch.updates.ops.clear();
+            self.scratch.updates.ops.push(Op::RangeToOwn { own: 1, range_m, variance_m2 });
             self.run(index, base, &mut column);
-            self.state.book.range(sender, sequence, range_m);
+            self.state.outgoing.range(sender, sequence, range_m);
         }
         let mate = Teammate { tol_ns, position_m, sequence, since_sounding_m };
         self.state.mates[usize::from(sender)] = Some(mate);
@@ -187,17 +187,17 @@ impl<const K: usize> Team<K> {
     /// What to add to the packet's depths, which are known modulo something: by the depth expected under the sender.
     /// `None` without a chart there.
     fn depth_shift(&self, index: usize, base: usize, tol_ns: i64, mate: &Teammate) -> Option<f64> {
-        let chart = self.mpf.chart.as_ref()?;
-        let (report, program) = (&self.scratch.report, &self.scratch.program);
+        let chart = self.terrain.chart.as_ref()?;
+        let (report, updates) = (&self.scratch.report, &self.scratch.updates);
         if !report.depth_modulus_m.is_finite() {
             return Some(0.0);
         }
         let (group, weights) = (&self.state.groups[index], self.weights());
         let state = |k: usize| weighted_mean(weights, group.mean_of(base + k));
-        let began = program.at(mate.tol_ns);
+        let began = updates.at(mate.tol_ns);
         report.soundings.iter().find_map(|s| {
             let t_ns = tol_ns.saturating_sub((s.age_s * 1e9).round() as i64);
-            let (at, dt_s) = (program.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
+            let (at, dt_s) = (updates.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
             let place = [0, 1].map(|a| state(a) + at[a] - began[a] + state(3 + a) * dt_s);
             let depth = bilinear(&filled_grid(self.filled.as_deref(), chart), place[0], place[1]);
             let whole = unwrap_near(s.water_depth_m, report.depth_modulus_m, depth + state(2));
@@ -208,14 +208,14 @@ impl<const K: usize> Team<K> {
     /// Runs the program in scratch and adds what it says of the particles.
     fn run(&mut self, index: usize, base: usize, column: &mut [f64]) {
         let n = column.len();
-        let options = &self.options.core;
-        let weighing = self.scratch.program.ops.iter().filter(|op| op.weighs()).count();
+        let options = &self.options.terrain;
+        let weighing = self.scratch.updates.ops.iter().filter(|op| op.weighs()).count();
         self.scratch.rows.resize(weighing * n, 0.0);
         self.scratch.innovation.iter_mut().for_each(|c| c.resize(n, 0.0));
         self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
-        let cloud = &self.mpf.state.core.cloud;
-        let launch = self.state.past.launch.as_ref();
-        let terrain = self.mpf.chart.as_deref().map(|chart| Terrain {
+        let cloud = &self.terrain.state.core.cloud;
+        let launch = self.state.history.launch.as_ref();
+        let terrain = self.terrain.chart.as_deref().map(|chart| Terrain {
             chart: chart.grid(),
             filled: filled_grid(self.filled.as_deref(), chart),
             sigma: match (options.sigma_map_m, chart.sigma_map()) {
@@ -226,9 +226,9 @@ impl<const K: usize> Team<K> {
             },
             dof: options.student_dof,
         });
-        let program = Run {
+        let updates = BlockUpdates {
             base,
-            ops: &self.scratch.program.ops,
+            ops: &self.scratch.updates.ops,
             terrain,
             own: Own {
                 at: [
@@ -245,7 +245,7 @@ impl<const K: usize> Team<K> {
         let (dim, mean, before, order, after) = self.state.groups[index].columns();
         let mut joints = Joints { dim, mean, before, order, after, scratch: &mut self.scratch.lanes };
         let [nu, s] = &mut self.scratch.innovation;
-        run(&program, &mut joints, &mut self.scratch.rows, &mut [nu, s]);
+        run(&updates, &mut joints, &mut self.scratch.rows, &mut [nu, s]);
         self.state.groups[index].written();
         for row in self.scratch.rows.chunks(n).take(weighing) {
             add_row(row, cloud.weights(), column);
@@ -254,10 +254,10 @@ impl<const K: usize> Team<K> {
 
     /// Where each particle was when the packet arrived, into scratch. What is older than is kept is reckoned back.
     fn own_positions(&mut self, toa_ns: i64) {
-        if self.state.past.at(toa_ns, &mut self.scratch.own) {
+        if self.state.history.at(toa_ns, &mut self.scratch.own) {
             return;
         }
-        let core = &self.mpf.state.core;
+        let core = &self.terrain.state.core;
         let back = core.displacement_since(toa_ns).unwrap_or_default();
         for (axis, now) in [&core.cloud.east, &core.cloud.north].into_iter().enumerate() {
             let at = &mut self.scratch.own[axis];
@@ -289,7 +289,7 @@ impl<const K: usize> Team<K> {
 
     /// Weighs the particles by a packet, softened if it would leave too few.
     fn weigh(&mut self, mut column: Vec<f64>) {
-        let cloud = &mut self.mpf.state.core.cloud;
+        let cloud = &mut self.terrain.state.core.cloud;
         let least = self.options.least_ess_share * cloud.len() as f64;
         for _ in 0..SOFTENINGS {
             if least <= 0.0 || cloud.ess_after(&column) >= least {
@@ -323,13 +323,13 @@ fn add_row(row: &[f64], weights: &[f64], column: &mut [f64]) {
 /// launch which the range was measured to.
 fn targets<'a, const K: usize>(
     report: &'a TeamReport,
-    state: &'a super::State<K>,
+    state: &'a super::TeamState<K>,
     index: usize,
     own: VehicleId,
 ) -> impl Iterator<Item = (i64, f64, Target)> + 'a {
     report.ranges.iter().filter_map(move |range| {
         if range.vehicle == own {
-            let (_, launch) = state.past.launch.as_ref().filter(|(s, _)| s & 3 == range.sequence)?;
+            let (_, launch) = state.history.launch.as_ref().filter(|(s, _)| s & 3 == range.sequence)?;
             return Some((launch.t_ns, range.range_m, Target::Own));
         }
         let mate =

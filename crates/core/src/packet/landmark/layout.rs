@@ -2,25 +2,23 @@
 
 use std::f64::consts::{PI, TAU};
 
-use crc::{CRC_8_SMBUS, Crc};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
-use super::correlation::{join, split};
+use super::correlation::split;
 use super::{ExchangeFormat, ExchangePacket, ExchangeSize, floored};
 use crate::mixture::Mode;
 use crate::packet::field::sign_extend;
-use crate::packet::{BitReader, BitWriter, PacketError, UnsignedField, implied_bytes};
+use crate::packet::{BitWriter, PacketError, UnsignedField};
 
-const CRC_8: Crc<u8> = Crc::<u8>::new(&CRC_8_SMBUS);
-const TYPE: UnsignedField = UnsignedField { name: "exchange type", bits: 3 };
-const SEQUENCE: UnsignedField = UnsignedField { name: "exchange sequence", bits: 4 };
-const MODES: UnsignedField = UnsignedField { name: "exchange modes less one", bits: 2 };
-const SHARE: UnsignedField = UnsignedField { name: "share of a mode", bits: 8 };
-const SHARE_STEPS: f64 = 256.0;
-const DIFFERENCE_BITS: u32 = 12;
-const NAMES: [&str; 6] =
+pub(super) const TYPE: UnsignedField = UnsignedField { name: "exchange type", bits: 3 };
+pub(super) const SEQUENCE: UnsignedField = UnsignedField { name: "exchange sequence", bits: 4 };
+pub(super) const MODES: UnsignedField = UnsignedField { name: "exchange modes less one", bits: 2 };
+pub(super) const SHARE: UnsignedField = UnsignedField { name: "share of a mode", bits: 8 };
+pub(super) const SHARE_STEPS: f64 = 256.0;
+pub(super) const DIFFERENCE_BITS: u32 = 12;
+pub(super) const NAMES: [&str; 6] =
     ["landmark x", "landmark y", "landmark yaw", "distance to mover", "bearing of mover", "relative yaw"];
-const SIGMA_NAMES: [&str; 6] = [
+pub(super) const SIGMA_NAMES: [&str; 6] = [
     "sigma of landmark x",
     "sigma of landmark y",
     "sigma of landmark yaw",
@@ -33,11 +31,11 @@ const UNITS: [&str; 6] = ["m", "m", "rad", "m", "rad", "rad"];
 pub const ANGLES: [bool; 6] = [false, false, true, false, true, true];
 const DEGREE: f64 = PI / 180.0;
 /// σ of class 0 in 8 bytes.
-const CLASS_SIGMA: [f64; 6] = [0.15, 0.15, 0.35 * DEGREE, 0.075, 0.15 * DEGREE, 0.5 * DEGREE];
+pub(super) const CLASS_SIGMA: [f64; 6] = [0.15, 0.15, 0.35 * DEGREE, 0.075, 0.15 * DEGREE, 0.5 * DEGREE];
 
 /// How standard deviations are written.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Sigmas {
+pub(super) enum Sigmas {
     /// One class for all six; true: the least that covers them, false: nearest to the geometric mean.
     Class { cover: bool },
     /// Six codes of (bits, steps per octave): σ = base · 2^(q / steps).
@@ -46,17 +44,17 @@ enum Sigmas {
 
 /// One size of one format.
 pub struct Layout {
-    size: ExchangeSize,
-    sequence: bool,
+    pub(super) size: ExchangeSize,
+    pub(super) sequence: bool,
     /// Positions modulo 2^bits steps, to be resolved by the receiver.
-    modulo: bool,
-    bits: [u32; 6],
-    steps_per_m: [f64; 2],
-    sigmas: Sigmas,
+    pub(super) modulo: bool,
+    pub(super) bits: [u32; 6],
+    pub(super) steps_per_m: [f64; 2],
+    pub(super) sigmas: Sigmas,
     /// Width and scale of each correlation: z = tanh(q / scale).
-    correlations: Option<[(u32, f64); 15]>,
+    pub(super) correlations: Option<[(u32, f64); 15]>,
     /// Whether the receiver adds the variance of rounding the mean.
-    rounding: bool,
+    pub(super) rounding: bool,
 }
 
 impl Layout {
@@ -133,7 +131,7 @@ impl Layout {
     }
 
     /// One step of coordinate k.
-    fn step(&self, k: usize) -> f64 {
+    pub(super) fn step(&self, k: usize) -> f64 {
         match k {
             0 | 1 => 1.0 / self.steps_per_m[0],
             3 => 1.0 / self.steps_per_m[1],
@@ -148,7 +146,11 @@ impl Layout {
         Ok(writer)
     }
 
-    fn write_to(&self, packet: &ExchangePacket, writer: &mut BitWriter) -> Result<(), PacketError> {
+    pub(super) fn write_to(
+        &self,
+        packet: &ExchangePacket,
+        writer: &mut BitWriter,
+    ) -> Result<(), PacketError> {
         let count = packet.modes.len();
         if !(1..=self.size.modes()).contains(&count) {
             let maximum = self.size.modes() as f64;
@@ -254,100 +256,6 @@ impl Layout {
         }
         Ok(())
     }
-
-    /// Reads the packet; up to `spare_bits` and the rest of the bytes may follow.
-    pub fn read(
-        &self,
-        bytes: &[u8],
-        spare_bits: usize,
-        landmark_m: [f64; 2],
-    ) -> Result<ExchangePacket, PacketError> {
-        let mut reader = BitReader::new(bytes);
-        let code = TYPE.read(&mut reader)?;
-        if code != self.size.code() {
-            return Err(PacketError::InvalidCode { field: TYPE.name, code });
-        }
-        // Four bits.
-        let sequence = if self.sequence { Some(SEQUENCE.read(&mut reader)? as u8) } else { None };
-        let count = if self.size.modes() > 1 { MODES.read(&mut reader)? as usize + 1 } else { 1 };
-        if count > self.size.modes() {
-            return Err(PacketError::InvalidCode { field: MODES.name, code: count as u64 - 1 });
-        }
-        let mut first = [0; 6];
-        for (k, code) in first.iter_mut().enumerate() {
-            *code = self.read_code(&mut reader, k, landmark_m)?;
-        }
-        let mut modes = vec![Mode {
-            weight: 0.0,
-            mean: self.mean(first),
-            covariance: self.read_covariance(&mut reader)?,
-        }];
-        for _ in 1..count {
-            let mut codes = first;
-            for (k, code) in codes.iter_mut().enumerate() {
-                *code += sign_extend(reader.take(NAMES[k], DIFFERENCE_BITS)?, DIFFERENCE_BITS);
-            }
-            let share = SHARE.read(&mut reader)?;
-            let covariance = self.read_covariance(&mut reader)?;
-            modes.push(Mode { weight: share as f64 / SHARE_STEPS, mean: self.mean(codes), covariance });
-        }
-        let others: f64 = modes.iter().map(|m| m.weight).sum();
-        modes[0].weight = 1.0 - others;
-        if modes.iter().any(|m| m.weight <= 0.0) {
-            return Err(PacketError::InvalidCode { field: SHARE.name, code: 0 });
-        }
-        if spare_bits == 0 {
-            zeros(reader)?;
-        }
-        Ok(ExchangePacket { sequence, modes })
-    }
-
-    fn read_code(&self, reader: &mut BitReader, k: usize, landmark_m: [f64; 2]) -> Result<i64, PacketError> {
-        let raw = reader.take(NAMES[k], self.bits[k])?;
-        if self.modulo && k < 2 {
-            let near = (landmark_m[k] / self.step(k)).round();
-            let near = if near.is_finite() { near as i64 } else { 0 };
-            // The code of this residue nearest to where the receiver takes the landmark to be.
-            return Ok(near + sign_extend((raw as i64 - near) as u64, self.bits[k]));
-        }
-        Ok(if k == 3 { raw as i64 } else { sign_extend(raw, self.bits[k]) })
-    }
-
-    fn mean(&self, codes: [i64; 6]) -> SVector<f64, 6> {
-        SVector::from_fn(|k, _| {
-            let code = if ANGLES[k] { sign_extend(codes[k] as u64, self.bits[k]) } else { codes[k] };
-            code as f64 * self.step(k)
-        })
-    }
-
-    fn read_covariance(&self, reader: &mut BitReader) -> Result<SMatrix<f64, 6, 6>, PacketError> {
-        let mut sigma = SVector::<f64, 6>::zeros();
-        match self.sigmas {
-            Sigmas::Class { .. } => {
-                let scale = (reader.take("class of sigmas", 2)? as f64).exp2();
-                sigma = SVector::from_fn(|k, _| CLASS_SIGMA[k] * scale);
-            }
-            Sigmas::Each { codes, base_m, base_rad, .. } => {
-                for (k, (bits, per_octave)) in codes.into_iter().enumerate() {
-                    let base = if ANGLES[k] { base_rad } else { base_m };
-                    sigma[k] = base * (reader.take(SIGMA_NAMES[k], bits)? as f64 / per_octave).exp2();
-                }
-            }
-        }
-        let mut partial = [0.0; 15];
-        if let Some(codes) = self.correlations {
-            for (z, (bits, scale)) in partial.iter_mut().zip(codes) {
-                *z = (sign_extend(reader.take("partial correlation", bits)?, bits) as f64 / scale).tanh();
-            }
-        }
-        let mut covariance = join(&sigma, &partial);
-        if self.rounding {
-            for k in 0..6 {
-                covariance[(k, k)] += self.step(k) * self.step(k) / 12.0;
-            }
-        }
-        Ok(covariance)
-    }
 }
 
 /// Widths of the fifteen correlations: within (x_L, y_L, ψ_L), within (ρ, β, γ), between the two.
@@ -395,78 +303,4 @@ fn out_of_range<T>(
 
 fn mask(bits: u32) -> u64 {
     (1u64 << bits) - 1
-}
-
-/// Refuses anything but zeros.
-fn zeros(mut reader: BitReader) -> Result<(), PacketError> {
-    let left_bits = reader.left_bits();
-    while reader.left_bits() > 0 {
-        let value = reader.take("padding", reader.left_bits().min(64) as u32)?;
-        if value != 0 {
-            return Err(PacketError::Padding { left_bits, value });
-        }
-    }
-    Ok(())
-}
-
-/// CRC-8 over payload and implied fields.
-pub fn check_8(payload: &[u8], sender: u16, tol_ns: i64) -> u8 {
-    let mut digest = CRC_8.digest();
-    digest.update(payload);
-    digest.update(&implied_bytes(sender, tol_ns));
-    digest.finalize()
-}
-
-/// Checks the CRC-8 at the end.
-pub fn compare_8(bytes: &[u8], sender: u16, tol_ns: i64) -> Result<(), PacketError> {
-    let Some((received, payload)) = bytes.split_last() else {
-        return Err(PacketError::Length { bytes: 0, expected: 8 });
-    };
-    let computed = check_8(payload, sender, tol_ns);
-    if computed == *received {
-        return Ok(());
-    }
-    Err(PacketError::Checksum { received: u16::from(*received), computed: u16::from(computed) })
-}
-
-/// Payload and the big-endian check at its end.
-pub fn split_tail(bytes: &[u8]) -> Result<(&[u8], u16), PacketError> {
-    let Some((payload, tail)) = bytes.split_last_chunk::<2>() else {
-        return Err(PacketError::Length { bytes: bytes.len(), expected: 2 });
-    };
-    Ok((payload, u16::from_be_bytes(*tail)))
-}
-
-/// Bits of format 1 in 32 bytes before the check.
-const SHIFTED_BITS: usize = 239;
-
-/// Format 1 in 32 bytes: 239 bits, the CRC-16 of those bits set flush right in 30 bytes, one zero bit.
-pub fn finish_shifted(packet: &ExchangePacket, layout: &Layout) -> Result<Vec<u8>, PacketError> {
-    let mut flush_right = BitWriter::with_capacity(30);
-    flush_right.push("lead", 0, 1)?;
-    layout.write_to(packet, &mut flush_right)?;
-    let crc = crate::packet::CRC.checksum(&flush_right.finish());
-    let mut writer = layout.write(packet)?;
-    writer.push("checksum", u64::from(crc), 16)?;
-    Ok(writer.finish())
-}
-
-/// Checks what [`finish_shifted`] wrote.
-pub fn compare_shifted(bytes: &[u8]) -> Result<(), PacketError> {
-    let mut reader = BitReader::new(bytes);
-    let mut flush_right = BitWriter::with_capacity(30);
-    flush_right.push("lead", 0, 1)?;
-    let mut left = SHIFTED_BITS;
-    while left > 0 {
-        let take = left.min(48) as u32;
-        flush_right.push("payload", reader.take("payload", take)?, take)?;
-        left -= take as usize;
-    }
-    let computed = crate::packet::CRC.checksum(&flush_right.finish());
-    // Sixteen bits.
-    let received = reader.take("checksum", 16)? as u16;
-    if received != computed {
-        return Err(PacketError::Checksum { received, computed });
-    }
-    reader.finish()
 }

@@ -28,7 +28,7 @@
 //!   The class c of 8 bytes means [0.15 m, 0.15 m, 0.35°, 0.075 m, 0.15°, 0.5°] · 2^c, the least that covers all six.
 //! * Correlations are the partial ones of the Cholesky factor, in the order (2,1), (3,1), (3,2), (4,1), …, so any bits
 //!   give a positive definite matrix.
-//! * The check covers the sender and the launch time, which the slot implies ([`seal`]); 8 bytes have room for
+//! * The check covers the sender and the launch time, which the slot implies ([`append_crc`]); 8 bytes have room for
 //!   CRC-8/SMBUS only. A value that does not fit is an error at the sender.
 //! * 8 and 16 bytes have no correlations, 8 bytes no sequence either: x_L, y_L and ψ_L are correlated after some
 //!   exchanges, and what is lost there shows as overconfidence. They are for a few exchanges.
@@ -41,15 +41,17 @@
 //! correlations 7 (tanh(q/16)), a CRC that does not know sender or launch time, and no variance of rounding. There is
 //! none of 40 bytes.
 
+mod checks;
 mod correlation;
 mod layout;
+mod reading;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::{PacketError, open, seal};
+use super::{PacketError, append_crc, check_crc};
 use crate::mixture::Mode;
 use layout::Layout;
 
@@ -171,7 +173,7 @@ impl ExchangePacket {
         let writer = layout.write(self)?;
         match (format, size) {
             (ExchangeFormat::One, ExchangeSize::B8 | ExchangeSize::B16) => Ok(writer.finish()),
-            (ExchangeFormat::One, ExchangeSize::B32) => layout::finish_shifted(self, &layout),
+            (ExchangeFormat::One, ExchangeSize::B32) => checks::finish_shifted(self, &layout),
             (ExchangeFormat::One, _) => {
                 let mut bytes = writer.finish();
                 bytes.resize(size.bytes() - 2, 0);
@@ -181,14 +183,14 @@ impl ExchangePacket {
             }
             (ExchangeFormat::Two, ExchangeSize::B8) => {
                 let mut bytes = writer.finish();
-                bytes.push(layout::check_8(&bytes, sender, tol_ns));
+                bytes.push(checks::check_8(&bytes, sender, tol_ns));
                 super::layout::note("check over sender and launch time", 8);
                 Ok(bytes)
             }
             (ExchangeFormat::Two, _) => {
                 let mut bytes = writer.finish();
                 bytes.resize(size.bytes() - 2, 0);
-                Ok(seal(bytes, sender, tol_ns))
+                Ok(append_crc(bytes, sender, tol_ns))
             }
         }
     }
@@ -212,11 +214,11 @@ impl ExchangePacket {
             (ExchangeFormat::One, ExchangeSize::B32) => {
                 let packet = layout.read(bytes, 17, landmark_m)?;
                 // The check is over the bits read, so it is made anew and compared.
-                layout::compare_shifted(bytes)?;
+                checks::compare_shifted(bytes)?;
                 Ok(packet)
             }
             (ExchangeFormat::One, _) => {
-                let (payload, tail) = layout::split_tail(bytes)?;
+                let (payload, tail) = checks::split_tail(bytes)?;
                 let computed = super::CRC.checksum(payload);
                 if computed != tail {
                     return Err(PacketError::Checksum { received: tail, computed });
@@ -224,10 +226,10 @@ impl ExchangePacket {
                 layout.read(payload, 0, landmark_m)
             }
             (ExchangeFormat::Two, ExchangeSize::B8) => {
-                layout::compare_8(bytes, sender, tol_ns)?;
+                checks::compare_8(bytes, sender, tol_ns)?;
                 layout.read(&bytes[..7], 0, landmark_m)
             }
-            (ExchangeFormat::Two, _) => layout.read(open(bytes, sender, tol_ns)?, 0, landmark_m),
+            (ExchangeFormat::Two, _) => layout.read(check_crc(bytes, sender, tol_ns)?, 0, landmark_m),
         }
     }
 }

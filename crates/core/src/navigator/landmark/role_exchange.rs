@@ -1,0 +1,132 @@
+//! Role exchanges of one vehicle: counters of sent and received packets, and which vehicle is the landmark.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::options::PacketOptions;
+use crate::error::Error;
+use crate::event::{Payload, VehicleId};
+use crate::mixture::Mode;
+use crate::packet::PacketError;
+use crate::packet::landmark::ExchangePacket;
+
+/// Sequence numbers, the newest packet of each teammate, roles.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct RoleExchange {
+    own: VehicleId,
+    newest_tol_ns: Vec<Option<i64>>,
+    sequence: u8,
+    /// Slots in which nothing was sent because the belief does not fit the packet's fields.
+    pub untold: u64,
+    /// Whether this vehicle is the landmark.
+    pub is_landmark: bool,
+    /// The vehicle that positionings are measured to.
+    pub landmark: Option<VehicleId>,
+    /// Whether the landmark is still at its first pose, which all vehicles know before any packet.
+    pub first: bool,
+}
+
+impl RoleExchange {
+    /// Of vehicle `own` in a team of `vehicles`.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVehicle`].
+    pub fn new(own: VehicleId, vehicles: usize) -> Result<Self, Error> {
+        if usize::from(own) >= vehicles {
+            return Err(Error::UnknownVehicle { vehicle: own, count: vehicles });
+        }
+        Ok(Self {
+            own,
+            newest_tol_ns: vec![None; vehicles],
+            sequence: 0,
+            untold: 0,
+            is_landmark: false,
+            landmark: None,
+            first: true,
+        })
+    }
+
+    /// Refuses a vehicle that the team does not have, or that is this one.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVehicle`], [`Error::WrongVehicle`].
+    pub fn check(&self, payload: &Payload) -> Result<(), Error> {
+        let other = match payload {
+            Payload::Reception { sender, .. } => *sender,
+            Payload::AcousticFix { peer, .. } => *peer,
+            _ => return Ok(()),
+        };
+        if other == self.own {
+            return Err(Error::WrongVehicle { event: other, own: self.own });
+        }
+        if usize::from(other) >= self.newest_tol_ns.len() {
+            return Err(Error::UnknownVehicle { vehicle: other, count: self.newest_tol_ns.len() });
+        }
+        Ok(())
+    }
+
+    /// Reads a packet; `None` (and no change) for one that does not decode or is not newer than the last of its sender.
+    pub fn receive(
+        &mut self,
+        sender: VehicleId,
+        tol_ns: i64,
+        bytes: &[u8],
+        landmark_m: [f64; 2],
+        options: &PacketOptions,
+    ) -> Option<ExchangePacket> {
+        let newest = self.newest_tol_ns.get_mut(usize::from(sender))?;
+        if newest.is_some_and(|newest| tol_ns <= newest) || !options.size.admits(bytes.len()) {
+            return None;
+        }
+        let packet = ExchangePacket::decode(bytes, options.format, landmark_m, sender, tol_ns).ok()?;
+        *newest = Some(tol_ns);
+        Some(packet)
+    }
+
+    /// The packet of these modes in the shortest size that holds them, with the number of the next one.
+    ///
+    /// # Errors
+    /// As [`ExchangePacket::encode`].
+    pub fn packet(
+        &self,
+        modes: Vec<Mode<6>>,
+        options: &PacketOptions,
+        tol_ns: i64,
+    ) -> Result<Vec<u8>, PacketError> {
+        let size = options.size.least_for(modes.len());
+        let packet = ExchangePacket { sequence: Some(self.sequence & 15), modes };
+        packet.encode(options.format, size, self.own, tol_ns)
+    }
+
+    fn sent(&mut self) {
+        self.sequence = self.sequence.wrapping_add(1);
+    }
+
+    /// The encoded packet, counted as sent. A belief outside the packet's fields is not sent: a value that fits would be
+    /// wrong, and a vehicle that receives no packet locates the new landmark by its own positionings. Other errors are
+    /// returned.
+    ///
+    /// # Errors
+    /// [`Error::Packet`] for a belief that is no belief; [`Error::PacketTooLong`] for a slot too short.
+    pub fn told(
+        &mut self,
+        packet: Result<Vec<u8>, PacketError>,
+        capacity_bytes: usize,
+    ) -> Result<Option<Arc<[u8]>>, Error> {
+        match packet {
+            Ok(bytes) if bytes.len() > capacity_bytes => {
+                Err(Error::PacketTooLong { bytes: bytes.len(), capacity: capacity_bytes })
+            }
+            Ok(bytes) => {
+                self.sent();
+                Ok(Some(bytes.into()))
+            }
+            Err(PacketError::OutOfRange { .. }) => {
+                self.untold += 1;
+                Ok(None)
+            }
+            Err(error) => Err(error.into()),
+        }
+    }
+}

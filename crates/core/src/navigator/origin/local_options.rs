@@ -1,0 +1,35 @@
+//! Options that every navigator of this family shares.
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, positive};
+
+/// How a vehicle's own motion and sensors are modelled, and ranges weighed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LocalOptions {
+    /// Spectral density of the acceleration per axis, m²/s³, of a vehicle that does not measure its velocity.
+    pub process_noise_m2_per_s3: f64,
+    /// The same of one that does (from its first DVL velocity on).
+    pub process_noise_dvl_m2_per_s3: f64,
+    /// Prior of the velocity per axis, m/s.
+    pub sigma_velocity0_mps: f64,
+    /// Of a (slant) range, m.
+    pub sigma_range_m: f64,
+    /// Fixes and ranges that contradict the belief by more sigmas are gated and counted.
+    pub gate_sigmas: f64,
+}
+
+impl LocalOptions {
+    /// Refuses what cannot be.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`], [`Error::OutOfBound`].
+    pub fn validate(&self) -> Result<(), Error> {
+        positive("process_noise_m2_per_s3", self.process_noise_m2_per_s3)?;
+        positive("process_noise_dvl_m2_per_s3", self.process_noise_dvl_m2_per_s3)?;
+        positive("sigma_velocity0_mps", self.sigma_velocity0_mps)?;
+        positive("sigma_range_m", self.sigma_range_m)?;
+        positive("gate_sigmas", self.gate_sigmas)?;
+        Ok(())
+    }
+}

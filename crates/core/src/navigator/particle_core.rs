@@ -1,0 +1,330 @@
+//! The marginalised particle core of `dmpf`, `mpf` and `team`: particles for the position, a Gaussian for the drift.
+
+use nalgebra::{Matrix2, SMatrix, Vector2};
+use serde::{Deserialize, Serialize};
+
+use super::drift::Drift;
+use super::range_novelty::Growth;
+use super::trajectory::Trajectory;
+use super::{Estimate, Outcome, Particles, Status};
+use crate::cloud::Cloud;
+use crate::error::Error;
+use crate::event::seconds;
+use crate::kernels::particles::{ParticleStep, displacement_map, prepare_step};
+use crate::kernels::weights::{known_share, weighted_covariance};
+use crate::random::{Purpose, Stream, Streams};
+
+/// Particles for the position, one Gaussian of linear states for each (its covariance common to all), and the clock.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct ParticleCore<const K: usize> {
+    /// The particles.
+    pub cloud: Cloud<K>,
+    /// Covariance of the linear states.
+    pub covariance: SMatrix<f64, K, K>,
+    /// Commanded velocity in force, m/s.
+    pub velocity_mps: [f64; 2],
+    /// Recent displacement; none before the first event.
+    pub trajectory: Option<Trajectory>,
+    /// Whether the chart helps now.
+    pub status: Status,
+    /// Measurements gated and packets rejected.
+    pub rejected: u64,
+    /// What the last fused range told, nat; NaN where not asked for.
+    pub information_nat: f64,
+    /// How often fixes that insisted scattered the cloud anew.
+    pub restarts: u32,
+    drift: Drift,
+    streams: Streams,
+    step: u32,
+    contradicting_fixes: u32,
+}
+
+/// A fix that contradicts the belief by more than this (χ² of two degrees of freedom, 5e-6) is gated …
+const FIX_GATE: f64 = 24.0;
+/// … but this many in a row are believed: a lost vehicle that surfaces must be able to start anew.
+const FIXES_BELIEVED: u32 = 3;
+/// No fix is better than a decimetre per axis, m².
+const FIX_FLOOR_M2: f64 = 0.01;
+/// Share of the weight that must have a chart for a sounding to be used.
+const CHART_SHARE: f64 = 0.2;
+
+impl<const K: usize> ParticleCore<K> {
+    /// `particles` particles without a position yet.
+    ///
+    /// # Errors
+    /// What [`Drift::validate`] says; [`Error::OutOfBound`] for fewer than 10 particles.
+    pub fn new(particles: usize, drift: Drift, streams: Streams) -> Result<Self, Error> {
+        drift.validate()?;
+        if !(10..=10_000_000).contains(&particles) {
+            return Err(Error::OutOfBound {
+                quantity: "particles",
+                value: particles as f64,
+                bound: "10 to 10,000,000",
+            });
+        }
+        Ok(Self {
+            cloud: Cloud::new(particles),
+            covariance: drift.prior(),
+            velocity_mps: [0.0; 2],
+            trajectory: None,
+            status: Status::NotStarted,
+            rejected: 0,
+            information_nat: f64::NAN,
+            restarts: 0,
+            drift,
+            streams,
+            step: 0,
+            contradicting_fixes: 0,
+        })
+    }
+
+    /// Refuses a snapshot of another number of particles, or whose columns differ in length.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`].
+    pub fn check_same(&self, other: &Self) -> Result<(), Error> {
+        let (own, theirs) = (&self.cloud, &other.cloud);
+        if own.len() != theirs.len() {
+            return Err(Error::Snapshot(format!("it holds {} particles, not {}", theirs.len(), own.len())));
+        }
+        let full = [theirs.north.len(), theirs.weights().len()];
+        let lengths = full.into_iter().chain(theirs.linear.iter().map(Vec::len));
+        let offsets = [theirs.offset.len(), theirs.offset_variance.len()];
+        if lengths.into_iter().any(|n| n != own.len()) || offsets.iter().any(|n| *n != own.offset.len()) {
+            return Err(Error::Snapshot("its columns of particles differ in length".into()));
+        }
+        Ok(())
+    }
+
+    /// Time that the core has advanced to.
+    #[must_use]
+    pub fn now_ns(&self) -> Option<i64> {
+        self.trajectory.as_ref().map(Trajectory::now_ns)
+    }
+
+    /// True once a fix gave it a position.
+    #[must_use]
+    pub fn started(&self) -> bool {
+        self.status != Status::NotStarted
+    }
+
+    /// A stream that no other use shares.
+    pub fn next_stream(&mut self, purpose: Purpose) -> Stream {
+        self.step = self.step.wrapping_add(1);
+        self.streams.at(purpose, self.step)
+    }
+
+    /// Propagates every particle to `t_ns` with the velocity in force (5)–(8); the step that they made, if any.
+    pub fn advance(&mut self, t_ns: i64) -> Option<ParticleStep<K>> {
+        let Some(trajectory) = &self.trajectory else {
+            self.trajectory = Some(Trajectory::new(t_ns));
+            return None;
+        };
+        let dt_s = seconds(t_ns.saturating_sub(trajectory.now_ns()));
+        if dt_s <= 0.0 {
+            return None;
+        }
+        let mut made = None;
+        let mut mean_step = [self.velocity_mps[0] * dt_s, self.velocity_mps[1] * dt_s];
+        if self.started() {
+            // The segment that later soundings are strung on moves with the mean before the prediction.
+            let map = displacement_map::<K>(self.velocity_mps, dt_s);
+            for (k, c) in self.cloud.linear_mean().iter().enumerate() {
+                mean_step[0] += map[0][k] * c;
+                mean_step[1] += map[1][k] * c;
+            }
+            let step = prepare_step(
+                &mut self.covariance,
+                self.velocity_mps,
+                dt_s,
+                self.drift.position_walk(dt_s),
+                &self.drift.walk(dt_s),
+            );
+            let stream = self.next_stream(Purpose::Process);
+            self.cloud.propagate(&step, &stream);
+            made = Some(step);
+        }
+        if let Some(trajectory) = &mut self.trajectory {
+            trajectory.advance(t_ns, mean_step);
+        }
+        made
+    }
+
+    /// Starts at the first fix; later ones weigh the particles.
+    pub fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
+        if !self.started() {
+            let stream = self.next_stream(Purpose::Initial);
+            self.cloud.scatter_disc(position_m, covariance_m2, &stream);
+            self.status = Status::Navigating;
+            return Outcome::Fused;
+        }
+        let r = Matrix2::new(
+            covariance_m2[0].max(FIX_FLOOR_M2),
+            covariance_m2[1],
+            covariance_m2[1],
+            covariance_m2[2].max(FIX_FLOOR_M2),
+        );
+        let (mean, [ee, en, nn]) = self.cloud.position_moments();
+        let off = Vector2::new(position_m[0] - mean[0], position_m[1] - mean[1]);
+        let (Some(inverse), Some(total)) =
+            (r.try_inverse(), (r + Matrix2::new(ee, en, en, nn)).try_inverse())
+        else {
+            self.rejected += 1;
+            return Outcome::Gated;
+        };
+        if (off.transpose() * total * off)[0] > FIX_GATE {
+            self.contradicting_fixes += 1;
+            if self.contradicting_fixes < FIXES_BELIEVED {
+                self.rejected += 1;
+                return Outcome::Gated;
+            }
+            self.contradicting_fixes = 0;
+            let stream = self.next_stream(Purpose::Recovery);
+            self.restarts = self.restarts.wrapping_add(1);
+            self.cloud.scatter_disc(position_m, [r[(0, 0)], r[(0, 1)], r[(1, 1)]], &stream);
+            return Outcome::Fused;
+        }
+        self.contradicting_fixes = 0;
+        let mut column = self.cloud.likelihood_column();
+        for ((l, e), n) in column.iter_mut().zip(&self.cloud.east).zip(&self.cloud.north) {
+            let d = Vector2::new(position_m[0] - e, position_m[1] - n);
+            *l = -0.5 * (d.transpose() * inverse * d)[0];
+        }
+        self.cloud.reweight(column);
+        Outcome::Fused
+    }
+
+    /// Where the vehicle was at `t_ns` relative to now, m.
+    #[must_use]
+    pub fn displacement_since(&self, t_ns: i64) -> Option<[f64; 2]> {
+        self.trajectory.as_ref().and_then(|t| t.since(t_ns))
+    }
+
+    /// Gives particles without a likelihood (NaN: over a hole, off the chart) the mean likelihood of those that have one.
+    ///
+    /// False, and `OffChart`, if those hold too little of the weight: the sounding must not be used then.
+    pub fn fill_holes(&mut self, log_likelihood: &mut [f64]) -> bool {
+        let weights = self.cloud.weights();
+        let (top, share) = known_share(log_likelihood, weights);
+        if share < CHART_SHARE || !top.is_finite() {
+            self.status = Status::OffChart;
+            return false;
+        }
+        self.status = Status::Navigating;
+        if log_likelihood.iter().any(|l| l.is_nan()) {
+            let sum: f64 = log_likelihood
+                .iter()
+                .zip(weights)
+                .filter(|(l, _)| !l.is_nan())
+                .map(|(l, w)| w * (l - top).exp())
+                .sum();
+            let neutral = top + (sum / share).ln();
+            log_likelihood.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = neutral);
+        }
+        true
+    }
+
+    /// Position moments and the mean of the linear states, predicted to `t_ns`.
+    #[must_use]
+    pub fn estimate(&self, t_ns: i64) -> Estimate {
+        let mut estimate = Estimate {
+            t_ns,
+            mean_m: [f64::NAN; 2],
+            covariance_m2: [f64::INFINITY, 0.0, f64::INFINITY],
+            yaw: None,
+            ess: None,
+            rejected: self.rejected,
+            status: self.status,
+        };
+        let (true, Some(trajectory)) = (self.started(), &self.trajectory) else { return estimate };
+        let (mean, covariance) = self.cloud.position_moments();
+        estimate.ess = Some(self.cloud.ess());
+        estimate.mean_m = mean;
+        estimate.covariance_m2 = covariance;
+        let dt_s = seconds(t_ns.saturating_sub(trajectory.now_ns()));
+        if dt_s < 0.0 {
+            if let Some(back) = trajectory.since(t_ns) {
+                estimate.mean_m = [mean[0] - back[0], mean[1] - back[1]];
+            }
+        } else if dt_s > 0.0 {
+            self.predict(&mut estimate, dt_s);
+        }
+        estimate
+    }
+
+    /// How the position's error would grow along `direction` in `dt_s` of dead reckoning from now.
+    #[must_use]
+    pub fn growth(&self, direction: [f64; 2], dt_s: f64) -> Growth {
+        let (mean, [ee, en, nn]) = self.cloud.position_moments();
+        let (_, cross, drift) = self.drift_ahead(mean, dt_s);
+        let u = Vector2::from(direction);
+        let position_m2 = (u.transpose() * Matrix2::new(ee, en, en, nn) * u)[0];
+        let drift_m2 = (u.transpose() * drift * u)[0].max(0.0);
+        let [walk_ee, walk_en, walk_nn] = self.drift.position_walk(dt_s);
+        let scale = (position_m2 * drift_m2).sqrt();
+        Growth {
+            correlation: if scale > 0.0 {
+                ((u.transpose() * cross * u)[0] / scale).clamp(0.0, 1.0)
+            } else {
+                0.0
+            },
+            drift_m2,
+            walk_m2: (u.transpose() * Matrix2::new(walk_ee, walk_en, walk_en, walk_nn) * u)[0],
+        }
+    }
+
+    /// Mean displacement by the linear states over `dt_s`, its covariance with the position, and its own covariance.
+    fn drift_ahead(&self, mean_m: [f64; 2], dt_s: f64) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
+        let w = self.cloud.weights();
+        let map = displacement_map::<K>(self.velocity_mps, dt_s);
+        let f = SMatrix::<f64, 2, K>::from_fn(|r, c| map[r][c]);
+        let means = self.cloud.linear_mean();
+        let columns = &self.cloud.linear;
+        let spread = SMatrix::<f64, K, K>::from_fn(|r, c| {
+            weighted_covariance(w, &columns[r], means[r], &columns[c], means[c])
+        });
+        let position = [&self.cloud.east, &self.cloud.north];
+        let cross = SMatrix::<f64, 2, K>::from_fn(|r, c| {
+            weighted_covariance(w, position[r], mean_m[r], &columns[c], means[c])
+        });
+        let moved = f * SMatrix::<f64, K, 1>::from(means);
+        (moved, cross * f.transpose(), f * (spread + self.covariance) * f.transpose())
+    }
+
+    /// Moves an estimate of the present ahead by `dt_s`, with the cloud's own correlation of position and drift.
+    fn predict(&self, estimate: &mut Estimate, dt_s: f64) {
+        let (moved, coupled, drift) = self.drift_ahead(estimate.mean_m, dt_s);
+        for a in 0..2 {
+            estimate.mean_m[a] += self.velocity_mps[a] * dt_s + moved[a];
+        }
+        let added = drift + coupled + coupled.transpose();
+        let walk = self.drift.position_walk(dt_s);
+        estimate.covariance_m2[0] += added[(0, 0)] + walk[0];
+        estimate.covariance_m2[1] += added[(0, 1)] + walk[1];
+        estimate.covariance_m2[2] += added[(1, 1)] + walk[2];
+    }
+
+    /// A copy moved ahead to `t_ns` with the mean displacement.
+    #[must_use]
+    pub fn particles_at(&self, t_ns: i64) -> Particles {
+        let cloud = &self.cloud;
+        let now = self.cloud.position_moments().0;
+        let then = self.estimate(t_ns).mean_m;
+        let along = |x: &[f64], by: f64| x.iter().map(|v| v + by).collect();
+        Particles {
+            east: along(&cloud.east, then[0] - now[0]),
+            north: along(&cloud.north, then[1] - now[1]),
+            weights: cloud.weights().to_vec(),
+        }
+    }
+
+    /// A copy for pictures.
+    #[must_use]
+    pub fn particles(&self) -> Option<Particles> {
+        self.started().then(|| Particles {
+            east: self.cloud.east.clone(),
+            north: self.cloud.north.clone(),
+            weights: self.cloud.weights().to_vec(),
+        })
+    }
+}
