@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -89,3 +90,31 @@ def test_files_are_short_enough_to_be_read(folder: str) -> None:
     assert len(files) > 10
     long = {str(p.relative_to(ROOT)): n for p in files if (n := len(p.read_text().splitlines())) > 350}
     assert long == {}
+
+
+@pytest.mark.parametrize("page", ["docs/architecture.md", "CONTRIBUTING.md"])
+def test_every_file_that_a_page_names_exists(page: str) -> None:
+    named = set(
+        re.findall(
+            r"`((?:crates|python|tests|docs|benches|studies|examples)/[\w./-]*)`", (ROOT / page).read_text()
+        )
+    )
+    assert len(named) > 8
+    assert {name for name in named if not (ROOT / name).exists() and "NAME" not in name} == set()
+
+
+OLD_NAMES = (
+    r"\bSealed\b", r"\bTeamFilter\b", r"\bTeamEstimator\b", r"\bCommonCurrent\b", r"\brefuse_misfits\b", r"\btrace_of\b",
+    r"\bSEAL_BYTES\b", r"navigator::(common|news|sealed)\b", r"uwcoop\.(alternating|hovering|legs|positioning|recorded|"
+    r"streams|missions|ledger|traces|poses|consistency|particles|tables|budget_report|output)\b", r"\brange_news\b",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", OLD_NAMES)
+def test_names_that_were_given_up_do_not_come_back(name: str) -> None:
+    files = [p for d in ("crates", "python", "docs", "studies", "benches") for p in (ROOT / d).rglob("*")]
+    texts = {
+        p: p.read_text() for p in files if p.suffix in {".rs", ".py", ".pyi", ".md", ".toml"} and p.is_file()
+    }
+    assert len(texts) > 250
+    assert [str(p.relative_to(ROOT)) for p, text in texts.items() if re.search(name, text)] == []
