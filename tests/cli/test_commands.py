@@ -257,7 +257,12 @@ def test_keys_are_printed_and_as_json() -> None:
 
 
 def test_budget_as_json_is_the_plan() -> None:
-    own = ("--set", "acoustics.modem={frame_bytes=24, bits_per_s=80, preamble_s=0.2}", "--set", "acoustics.slot_s=4")
+    own = (
+        "--set",
+        "acoustics.modem={frame_bytes=24, bits_per_s=80, preamble_s=0.2}",
+        "--set",
+        "acoustics.slot_s=4",
+    )
     plan = json.loads(succeeds("budget", "flat-bay", "-n", "mpf", "--json", *own).stdout)
     assert (plan["modem"], plan["frame_bytes"], plan["preamble_s"]) == ("own", 24, 0.2)
     cost = plan["costs"]["mpf"]

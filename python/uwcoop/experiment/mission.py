@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from uwcoop import scenario as scenarios
 from uwcoop.errors import LogError, ScenarioError
 from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog.unknown_covariance import FIX_SIGMA_M, with_stated_fixes
 from uwcoop.missionlog.validate import validate
 
 if TYPE_CHECKING:
@@ -37,7 +38,8 @@ def open_mission(
         chart: a scenario gets it instead of its own. A log's must be this one; a log without a chart gets it,
             around the log's own origin if it is read from a file.
         overrides: "dotted.key=value" each. A log has happened: only `navigator.*` can be changed in it, and
-            `chart.*` says how to read the chart file that is given, `recording.*` how to read a recording.
+            `chart.*` says how to read the chart file that is given, `recording.*` how to read a recording,
+            `log.fix_sigma_m` what a fix of covariance 0 (unknown) is taken as.
 
     Raises:
         ScenarioError, LogError, ChartError: one line that says what is wrong.
@@ -103,7 +105,7 @@ def load_scenario(
 def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence[str]) -> MissionLog:
     """The log with its chart checked or added, and with navigators' options changed."""
     tables = {override: _table_of(override) for override in overrides}
-    possible = {"navigator", "chart"} if isinstance(chart, str | Path) else {"navigator"}
+    possible = {"navigator", "log"} | ({"chart"} if isinstance(chart, str | Path) else set())
     for override, table in tables.items():
         if table not in possible:
             raise ScenarioError(
@@ -113,6 +115,10 @@ def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence
     if chart is not None:
         reading = [override for override in overrides if tables[override] == "chart"]
         log = _with_chart(log, chart, reading)
+    reading = scenarios.apply_overrides({}, [o for o in overrides if tables[o] == "log"]).get("log", {})
+    if unknown := set(reading) - {"fix_sigma_m"}:
+        raise ScenarioError(f"override 'log.{min(unknown)}': a log has the option log.fix_sigma_m only")
+    log = with_stated_fixes(log, reading.get("fix_sigma_m", FIX_SIGMA_M))
     options = [override for override in overrides if tables[override] == "navigator"]
     return replace(log, scenario=scenarios.apply_overrides(log.scenario, options)) if options else log
 

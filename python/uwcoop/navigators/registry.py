@@ -30,7 +30,7 @@ from uwcoop.navigators.protocol import Context
 from uwcoop.navigators.team import TeamOptions, team
 
 if TYPE_CHECKING:
-    from uwcoop._native import Navigator, CentralEstimator
+    from uwcoop._native import CentralEstimator, Navigator
 
 __all__ = ["NAVIGATORS", "Options", "Spec", "build", "not_realisable", "options_of"]
 
