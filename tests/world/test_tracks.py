@@ -17,7 +17,7 @@ from uwcoop.charts import Chart
 from uwcoop.errors import ScenarioError
 from uwcoop.frames import LocalFrame
 from uwcoop.scenario.vehicle import Vehicle
-from uwcoop.world.simulate import simulate
+from uwcoop.world.simulate import setup_notes, simulate
 from uwcoop.world.tracks import read_tracks
 
 pytest.importorskip("pyproj")
@@ -341,6 +341,9 @@ def test_notes_of_tracks_are_in_the_log_and_the_cases_give_their_right_values(
         plain = track if plain is None else plain
         np.testing.assert_allclose(track, plain, atol=1e-6)
     assert any("9 of 901 soundings" in note for note in log.notes)
+    again = setup_notes(scenario.load(tmp_path / "minus-one.toml"))
+    assert set(again) <= set(log.notes)
+    assert any("9 of 901 soundings" in note for note in again)
     for name, says in itertools.islice(
         {
             "zero": "have no fix yet at (0, 0)", "swapped": "columns swapped?", "sign": "7,740 km from the chart",

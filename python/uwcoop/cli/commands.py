@@ -271,16 +271,24 @@ def study(
     figures: FiguresOption = False,
 ) -> None:
     """Many missions, the same for every navigator and variant: consistency and accuracy over all of them."""
+    from contextlib import suppress
+
+    from uwcoop.errors import ScenarioError
     from uwcoop.evaluation.metrics import summary_text
+    from uwcoop.experiment.mission import load_scenario
     from uwcoop.experiment.study import study as compare
     from uwcoop.navigators import not_realisable
     from uwcoop.report.result_tables import study_table
     from uwcoop.report.run_folder import write_study_figures
     from uwcoop.scenario import alternatives
+    from uwcoop.world.simulate import setup_notes
 
     needs_folder(resume, output, "--resume")
     needs_folder(figures, output, "--figures")
     varied = [alternatives(text) for text in vary or ()]
+    with suppress(ScenarioError):  # a variant may mend it; what is wrong in all of them the study says
+        for note in setup_notes(load_scenario(scenario, None, settings or ())):
+            say(f"note: {note}")
     with progress(f"flying {scenario}", None) as step:
         result = compare(
             scenario,

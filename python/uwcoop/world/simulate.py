@@ -87,6 +87,21 @@ def simulate(
     )
 
 
+def setup_notes(scenario: Scenario) -> tuple[str, ...]:
+    """What is assumed, dropped or converted whatever the seed: of recorded tracks and of the area. A study, which keeps
+    no logs, prints these.
+
+    Raises:
+        ScenarioError, ChartError: as `simulate`.
+    """
+    if scenario.area is None and all(vehicle.track is None for vehicle in scenario.team):
+        return ()
+    chart = None if scenario.chart is None else open_chart(scenario.chart)
+    place = placed(scenario, chart)
+    records = read_tracks(place.scenario.team, chart, place.origin, round(scenario.duration_s))
+    return (*place.notes, *(note for record in records.values() for note in record.notes))
+
+
 @dataclass(frozen=True)
 class _Flown:
     """A mission's course: where everyone was, and when who could talk to whom."""
