@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from uwcoop import scenario
 from uwcoop.charts import Chart
-from uwcoop.errors import ScenarioError
+from uwcoop.errors import ScenarioError, UwcoopError
 from uwcoop.frames import LocalFrame
 from uwcoop.scenario.vehicle import Vehicle
 from uwcoop.world.simulate import setup_notes, simulate
@@ -310,6 +310,77 @@ def test_columns_that_nobody_can_tell_are_asked_for(tmp_path: Path) -> None:
     file = write(tmp_path / "a.csv", rows)
     with pytest.raises(ScenarioError, match=r"no column is called time among when, lon, lat: name them"):
         read(Vehicle.model_validate({"name": "A", "track": {"file": str(file)}}))
+
+
+# --- damage ---
+
+
+def mutated(text: bytes, rng: np.random.Generator) -> bytes:
+    """A file as damage leaves it: bytes changed, cut out, repeated, cells swapped for what is no number."""
+    data = bytearray(text)
+    for _ in range(int(rng.integers(1, 4))):
+        at, length = int(rng.integers(len(data))), int(rng.choice([1, 3, 60]))
+        kind = int(rng.integers(8))
+        if kind == 0:
+            data[at] = int(rng.integers(256))
+        elif kind == 1:
+            del data[at : at + length]
+        elif kind == 2:
+            data[at:at] = data[at : at + length]
+        elif kind == 3:
+            data[at:at] = rng.choice(
+                [b",", b"\n", b'"', b"\x00", b";;", b"nan", b"1e400", b"-", b"\xff\xfe", b"9" * 40]
+            )
+        elif kind == 4:
+            del data[at:]
+        elif kind == 5:
+            data[at : at + length] = bytes(rng.integers(0, 256, length, dtype=np.uint8))
+        else:
+            data[at] = int(rng.choice(list(b"0123456789")))
+        data = data or bytearray(b"x")
+    return bytes(data)
+
+
+def one_line_or(file: Path) -> Any:
+    """The record; None where it is refused in one line of our own. Anything else is a fault."""
+    try:
+        return read(vehicle(file, columns=None))["A"]
+    except UwcoopError as error:
+        if "\n" in str(error) or not str(error).startswith("vehicle A: track "):
+            raise
+        return None
+
+
+def check_damaged(folder: Path, seeds: range) -> None:
+    """A damaged record is read or refused in one line of our own, and what is read lies on the chart's part of Earth."""
+    whole = {sep: write(folder / "whole.csv", rows_of(), sep).read_bytes() for sep in (",", ";", "\t")}
+    read_ = refused = 0
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        file = folder / f"{seed}.csv"
+        file.write_bytes(mutated(whole[str(rng.choice(list(whole)))], rng))
+        record = one_line_or(file)
+        file.unlink()
+        if record is None:
+            refused += 1
+            continue
+        read_ += 1
+        assert np.isfinite(record.position_m).all()
+        assert np.abs(record.position_m).max() < 200_000
+        if record.soundings_m is not None:
+            assert not (record.soundings_m < 0).any()
+            assert not (record.soundings_m > 12_000).any()
+    assert read_ > 0
+    assert refused > 0
+
+
+def test_damaged_records_are_read_or_refused(tmp_path: Path) -> None:
+    check_damaged(tmp_path, range(150))
+
+
+@pytest.mark.long
+def test_many_damaged_records_are_read_or_refused(tmp_path: Path) -> None:
+    check_damaged(tmp_path, range(1000, 4000))
 
 
 # --- whole missions ---
