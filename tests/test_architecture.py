@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -76,6 +78,31 @@ def test_no_module_imports_itself_through_others() -> None:
     assert len(edges) > 100, "the guard must find the package"
     assert circles({"a": {"b"}, "b": {"a"}, "c": set()}) == [{"a", "b"}]
     assert circles(edges) == []
+
+
+def test_every_package_can_be_imported_first() -> None:
+    packages = [name for name, path in MODULES.items() if path.name == "__init__.py" and name != "uwcoop"]
+    assert len(packages) > 10
+    program = """
+import importlib, sys
+for package in sys.argv[1:]:
+    for name in [n for n in sys.modules if n.startswith("uwcoop.") and n != "uwcoop._native"]:
+        del sys.modules[name]
+    importlib.import_module(package)
+    for module in [n for n in MODULES if n.rpartition(".")[0] == package]:
+        importlib.import_module(module)
+"""
+    subprocess.run([sys.executable, "-c", f"MODULES = {list(MODULES)!r}\n" + program, *packages], check=True)
+
+
+def test_keys_of_a_scenario_are_read_in_its_package_alone() -> None:
+    """Elsewhere a scenario is a `Scenario` or a `MissionSetup`; its tables go to files whole."""
+    by_key = re.compile(r"(\.scenario|\.resolved\(\)|\.tables\(\))\s*(\[|\.get\()")
+    assert by_key.search('log.scenario.get("acoustics")')
+    assert by_key.search('scenario.resolved()["acoustics"]')
+    outside = {name: path for name, path in MODULES.items() if not name.startswith("uwcoop.scenario")}
+    assert len(outside) > 100
+    assert [name for name, path in outside.items() if by_key.search(path.read_text())] == []
 
 
 def test_few_modules_stand_beside_the_packages() -> None:

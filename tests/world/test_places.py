@@ -74,7 +74,7 @@ def test_a_mission_in_degrees_is_the_one_in_metres_and_its_log_keeps_what_was_ty
     assert in_metres.truth is not None
     np.testing.assert_allclose(in_degrees.truth["position_m"], in_metres.truth["position_m"], atol=1e-5)
     assert in_degrees.origin.latitude_deg == pytest.approx(43.63)
-    assert "waypoints_deg" in json.dumps(in_degrees.scenario)
+    assert "waypoints_deg" in json.dumps(in_degrees.setup.tables())
 
 
 def test_degrees_need_one_origin() -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from uwcoop.acoustics.link import Link
 from uwcoop.acoustics.modem_profiles import MODEMS, NO_LIMIT_BYTES, ModemFigures
-from uwcoop.missionlog.model import Link
 
 if TYPE_CHECKING:
     from uwcoop.scenario.acoustics import Acoustics

@@ -9,10 +9,14 @@ from uwcoop.scenario.loading import (
     packaged,
     packaged_text,
     parse,
+    split_overrides,
+    table_of,
 )
 from uwcoop.scenario.models import Scenario
+from uwcoop.scenario.setup import MissionSetup
 
 __all__ = [
+    "MissionSetup",
     "Scenario",
     "alternatives",
     "apply_overrides",
@@ -22,4 +26,6 @@ __all__ = [
     "packaged",
     "packaged_text",
     "parse",
+    "split_overrides",
+    "table_of",
 ]

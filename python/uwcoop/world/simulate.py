@@ -14,6 +14,7 @@ from uwcoop import scenario as scenarios
 from uwcoop.errors import ChartError, ScenarioError
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world import sensors
 from uwcoop.world.places import coverage_notes, placed
 from uwcoop.world.random_streams import TEAM, Purpose, stream
@@ -80,7 +81,7 @@ def simulate(
         polls=acoustics.polls(scenario.acoustics, flown.slots, flown.motion, seed, names),
         chart=chart,
         origin=place.origin,
-        scenario=scenario.resolved(),
+        setup=MissionSetup.of(scenario),
         truth=_truth(names, flown.motion),
         notes=(*place.notes, *flown.notes, *_water_notes(scenario, flown.motion)),
         team_key=scenario.acoustics.authentication.key,
@@ -104,7 +105,7 @@ def setup_notes(scenario: Scenario) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Flown:
-    """A mission's course: where everyone was, and when who could talk to whom."""
+    """A mission's course: every vehicle's motion, the slots, and which signals could arrive."""
 
     motion: Sequence[Motion]
     slots: Columns
