@@ -192,13 +192,14 @@ def open_chart(spec: ChartSpec) -> Chart:
     return open_source(spec.source, **spec.options())
 
 
-def open_source(source: str, **options: Any) -> Chart:
-    """The chart of a source as scenarios write it: "synthetic:NAME", or a path with `load_chart`'s options.
+def open_source(source: str | Sequence[str], **options: Any) -> Chart:
+    """The chart of a source as scenarios write it: "synthetic:NAME", or a path, or several of soundings, with
+    `load_chart`'s options.
 
     Raises:
         ChartError: an unknown synthetic chart, or a file that cannot be read as a chart.
     """
-    if source.startswith(SYNTHETIC):
+    if isinstance(source, str) and source.startswith(SYNTHETIC):
         if of_files := sorted(options.keys() - {"seed", "relief"}):
             raise ChartError(f"{of_files[0]} is for chart files: {source} is made, not read")
         return _synthetic(source.removeprefix(SYNTHETIC), tuple(options.items()))
