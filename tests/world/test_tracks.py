@@ -239,7 +239,12 @@ def test_no_echo_is_left_out_with_a_count(tmp_path: Path, value: str) -> None:
 
 
 @SLOW
-@given(fill=st.floats(12_001, 1e38) | st.floats(-1e38, -9_001), count=st.integers(1, 60))
+@given(
+    fill=st.floats(12_001, 1e38)
+    | st.floats(-1e38, -9_001)
+    | st.sampled_from([999.0, 9999.0, -9999.0, -32768.0]),
+    count=st.integers(1, 60),
+)
 def test_fill_values_are_no_depths(tmp_path: Path, fill: float, count: int) -> None:
     file = write(tmp_path / "a.csv", changed(rows_of(), range(20, 20 + count), sounding=repr(fill)))
     found = read(vehicle(file))["A"]

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from uwcoop.charts.plausible import DEEPEST_M, HIGHEST_M, without_fills
 from uwcoop.charts.vertical import METRES_PER_UNIT, unit_of
-from uwcoop.errors import ScenarioError, TableError
+from uwcoop.errors import ChartError, ScenarioError, TableError
 from uwcoop.importers.column_roles import assign_roles
 from uwcoop.importers.text_table import open_table
 from uwcoop.importers.times import parse_times
@@ -27,10 +28,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 Clock = Literal["absolute", "time of day", "own"]
-DEEPEST_M = 12_000.0
-"""No water on Earth is deeper."""
-HIGHEST_M = 9_000.0
-"""No ground is higher: numbers below its negative are fill values."""
 NO_ECHO_M = (0.0, -1.0)
 """What echo sounders write when they hear none."""
 _STUCK_ROWS = 60
@@ -102,13 +99,14 @@ def _read(track: Track, where: str) -> TrackRows:
     times = _times(rows, unit, label, table.dialect.decimal, where)
     if "told" in times.how or "assumed" in times.how:
         notes.append(times.how)
+    if "sounding" in place:
+        unit = unit_of(table.units[place["sounding"]])
+        rows.numbers["sounding"] = _echoes(rows.numbers["sounding"], unit, rows.line, where, notes)
     cells = {
         role: _in_metres(values, table.units[place[role]], role, where, notes)
         for role, values in rows.numbers.items()
     }
     _check_cells(cells, {role: table.labels[at] for role, at in place.items()}, rows.line, where)
-    if "sounding" in cells:
-        cells["sounding"] = _echoes(cells["sounding"], rows.line, where, notes)
     if "longitude" in cells:
         keep = _with_fix(cells, rows.line, track, where, notes)
     else:
@@ -226,11 +224,17 @@ def _with_fix(
     return ~none
 
 
-def _echoes(soundings: Array, line: NDArray[np.int32], where: str, notes: list[str]) -> Array:
-    """Soundings without those that are none: no echo, fill values. The others must be depths."""
+def _echoes(soundings: Array, unit: str, line: NDArray[np.int32], where: str, notes: list[str]) -> Array:
+    """Soundings, as the file has them, without those that are none: no echo, fill values. The others must be depths."""
+    scale = METRES_PER_UNIT.get(unit, 1.0)
     silent = np.isin(soundings, NO_ECHO_M)
-    fill = (soundings > DEEPEST_M) | (soundings < -HIGHEST_M)
-    for bad, why in ((silent, "0 or -1 m: no echo"), (fill, "no depth on Earth: fill values")):
+    rest = np.where(silent, np.nan, soundings)
+    try:
+        kept = without_fills(rest, scale, None, "soundings")[0] if np.isfinite(rest).any() else rest
+    except ChartError as error:
+        raise ScenarioError(f"{where}: soundings: {error}") from error
+    fill = np.isfinite(rest) & (np.isnan(kept) | (rest * scale < -HIGHEST_M))
+    for bad, why in ((silent, "0 or -1 m: no echo"), (fill, "no depths: fill values")):
         if bad.any():
             notes.append(
                 f"{bad.sum()} of {np.isfinite(soundings).sum()} soundings, the first in line {line[bad][0]}, are {why}; "
@@ -240,8 +244,8 @@ def _echoes(soundings: Array, line: NDArray[np.int32], where: str, notes: list[s
     below = soundings < 0
     if below.any():
         raise ScenarioError(
-            f"{where}: sounding is {soundings[below][0]:g} m in line {line[below][0]}: must be above 0 m, positive down "
-            f"({below.sum()} of {np.isfinite(soundings).sum()} are not)"
+            f"{where}: sounding is {soundings[below][0]:g} {unit or 'm'} in line {line[below][0]}: must be "
+            f"above 0 m, positive down ({below.sum()} of {np.isfinite(soundings).sum()} are not)"
         )
     _note_stuck(soundings, line, notes)
     return soundings
