@@ -432,6 +432,8 @@ def test_a_log_cut_off_or_with_another_chart_is_refused(mission: Path, tmp_path:
 
 def test_outputs_that_cannot_be_are_refused(mission: Path, tmp_path: Path) -> None:
     assert "is a file, the output must be a folder" in refusal("run", mission, "-o", mission)
-    assert "cannot be written" in refusal("simulate", "st-john", *SHORT, "-o", tmp_path / "no" / "m.mcap")
+    assert "there is no such folder" in refusal(
+        "simulate", "st-john", *SHORT, "-o", tmp_path / "no" / "m.mcap"
+    )
     assert uwcoop("simulate", "st-john", "-o", "mission.bag").exit_code == 2
     assert not os.listdir(".")

@@ -95,10 +95,12 @@ def simulate(
     """Simulate a mission and write its log (MCAP, standard ROS 2 messages)."""
     from uwcoop.experiment.mission import LOG_SUFFIX, load_scenario
     from uwcoop.missionlog.mcap import write_log
+    from uwcoop.report.atomic_files import check_file
     from uwcoop.world.simulate import simulate as fly
 
     if output.suffix != LOG_SUFFIX:
         raise typer.BadParameter(f"{output} must end in {LOG_SUFFIX}", param_hint="-o")
+    check_file(output)
     log = fly(load_scenario(scenario, chart, settings or ()), seed)
     write_log(log, output)
     print_notes(log)
@@ -140,13 +142,13 @@ def run(
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
     from uwcoop.evaluation.metrics import summary_text
     from uwcoop.experiment.run import run as replay
-    from uwcoop.report.atomic_files import refuse_file
-    from uwcoop.report.run_folder import write_run
+    from uwcoop.report.atomic_files import check_folder
+    from uwcoop.report.run_folder import RUN_FILES, write_run
 
     names = names_of(navigator) or None
     needs_folder(figures, output, "--figures")
     if output is not None:
-        refuse_file(output)
+        check_folder(output, RUN_FILES)
     with progress(f"opening {mission}", len(names) if names else None) as step:
         result = replay(
             mission,

@@ -13,6 +13,7 @@ from uwcoop.errors import LogError, ScenarioError
 from uwcoop.missionlog import MissionLog
 from uwcoop.missionlog.unknown_covariance import FIX_SIGMA_M, with_stated_fixes
 from uwcoop.missionlog.validate import validate
+from uwcoop.scenario.secrets import redact
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -106,7 +107,7 @@ def _changed(log: MissionLog, chart: Chart | str | Path | None, overrides: Seque
     )
     if others:
         raise ScenarioError(
-            f"override {others[0]!r}: mission {log.name!r} is a log and has happened, "
+            f"override {redact(others[0])!r}: mission {log.name!r} is a log and has happened, "
             "only navigator.* can be changed"
         )
     if chart is not None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, model_validator
 
 from uwcoop.errors import MissingDependencyError
+from uwcoop.importers.bounded import read_text
 from uwcoop.scenario.base import NonNegative, PlaceDeg, Point, Positive, Table
 
 _POLYGONS = ("polygon_deg", "polygon_m", "wkt")
@@ -64,7 +64,7 @@ def wkt_of_file(file: str) -> str:
     except ImportError as error:
         raise MissingDependencyError("shapely", "maps") from error
     try:
-        text = Path(file).read_text(encoding="utf-8-sig").strip()
+        text = read_text(file, encoding="utf-8-sig").strip()
         found = shape(_geometry(json.loads(text))) if text.startswith("{") else shapely.from_wkt(text)
     except (OSError, ValueError, LookupError, TypeError, RecursionError, shapely.GEOSException) as error:
         raise ValueError(f"file {file} cannot be read: {' '.join(str(error).split())[:200]}") from error

@@ -13,6 +13,7 @@ import numpy as np
 from uwcoop.charts.plausible import DEEPEST_M, HIGHEST_M, without_fills
 from uwcoop.charts.vertical import METRES_PER_UNIT, unit_of
 from uwcoop.errors import ChartError, ScenarioError, TableError
+from uwcoop.importers.bounded import refuse_irregular, refused
 from uwcoop.importers.column_roles import assign_roles
 from uwcoop.importers.text_table import open_table
 from uwcoop.importers.times import parse_times
@@ -77,9 +78,9 @@ def read_rows(track: Track, where: str) -> TrackRows:
 def _read_once(track_json: str, changed_ns: int, where: str) -> TrackRows:
     track = Track.model_validate_json(track_json)
     try:
-        return _read(track, where)
-    except OSError as error:
-        raise ScenarioError(f"{where} cannot be read: {error.strerror or error}") from error
+        with refused(ScenarioError, where):
+            refuse_irregular(Path(track.file))
+            return _read(track, where)
     except TableError as error:
         raise ScenarioError(f"{where}: {error}") from error
 
