@@ -20,6 +20,7 @@ from uwcoop.errors import LogError
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.cramer_rao import BOUNDS, bounds_of
 from uwcoop.evaluation.pose_tracks import pose_variables
+from uwcoop.experiment.diagnostics import attributes_of
 from uwcoop.experiment.mission import open_mission
 from uwcoop.experiment.navigator_choice import check_packets_fit, default_navigators
 from uwcoop.missionlog import MissionLog
@@ -218,7 +219,7 @@ def _estimators(
         return [navigator.make(context) for context in contexts]
     options = options_of(navigator, log.setup)
     if NAVIGATORS[navigator].central:
-        return build_central(navigator, contexts[0], options, chart)
+        return build_central(navigator, contexts[0], options)
     return [build(navigator, context, options, chart) for context in contexts]
 
 
@@ -291,8 +292,8 @@ def _diagnostics(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
         name: np.stack([r["diagnostics"].get(name, np.full(shape, np.nan)) for r in records])
         for name in sorted({name for r in records for name in r["diagnostics"]})
     }
-    by = {"role": "diagnostic", "long_name": "as the navigator states it"}
-    return {name: (("navigator", "vehicle", "time"), values, by) for name, values in stated.items()}
+    dims = ("navigator", "vehicle", "time")
+    return {name: (dims, values, attributes_of(name)) for name, values in stated.items()}
 
 
 def _sent(mission: _native.Mission, record: dict[str, Any]) -> dict[str, float]:

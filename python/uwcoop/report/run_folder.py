@@ -78,6 +78,7 @@ def write_run_files(
             "setup.png": _write_setup,
             "uncertainty.png": _write_uncertainty,
             "origin.png": _write_origin,
+            "current.png": _write_current,
         }
         if "role_taken" in result.log.events:
             writers |= {
@@ -100,19 +101,15 @@ def write_run_files(
 
 
 def resolved_scenario(result: RunResult) -> dict[str, Any]:
-    """The mission's scenario with the seed of this run and every option of the navigators that took part.
+    """The mission's scenario with the seed of this run and every option that the navigators that took part read.
 
     `scenario.load` reads it back, so that a result can be had again when defaults have changed.
     """
-    from uwcoop.navigators import NAVIGATORS, options_of
+    from uwcoop.navigators import NAVIGATORS, options_of, read_options
 
     took_part = [str(name) for name in result.tracks["navigator"].values]
     setup = result.log.setup
-    options = {
-        name: options_of(name, setup).model_dump(exclude_none=True)
-        for name in took_part
-        if name in NAVIGATORS
-    }
+    options = {name: read_options(name, options_of(name, setup)) for name in took_part if name in NAVIGATORS}
     return setup.resolved(result.log.seed, options)
 
 
@@ -153,12 +150,15 @@ def write_chart_picture(chart: Chart, path: Path) -> None:
 
     Raises:
         MissingDependencyError: without matplotlib.
-        ChartError: a suffix that matplotlib does not know.
+        ChartError: a suffix that matplotlib does not know, or that of a GeoTIFF, which a picture is not.
     """
     from uwcoop.figures.chart import chart_figure
 
+    if path.suffix.lower() in (".tif", ".tiff"):
+        raise ChartError(f"picture {path} would be a TIFF without positions: -o {path.name} writes a GeoTIFF")
+
     figure = chart_figure(chart)
-    known = figure.canvas.get_supported_filetypes()
+    known = [kind for kind in figure.canvas.get_supported_filetypes() if not kind.startswith("tif")]
     if path.suffix[1:].lower() not in known:
         raise ChartError(f"picture {path} must end in one of .{', .'.join(known)}")
     with atomic_write(path) as partial:
@@ -252,6 +252,12 @@ def _write_uncertainty(result: RunResult, path: Path) -> None:
     from uwcoop.figures.uncertainty import uncertainty_figure
 
     uncertainty_figure(result.tracks, result.packets).savefig(path)
+
+
+def _write_current(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.current import current_figure
+
+    current_figure(result.tracks, result.log.truth).savefig(path)
 
 
 def _write_origin(result: RunResult, path: Path) -> None:
