@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::teammates;
 use super::radio::{HeardBelief, Radio};
 use super::range::RangeOptions;
 use super::range_novelty::RangeNovelty;
@@ -131,27 +132,37 @@ impl<const K: usize> Mpf<K> {
     }
 }
 
+impl<const K: usize> Mpf<K> {
+    /// What one event does once the clock has been advanced to it.
+    fn fuse_event(&mut self, event: &Event) -> Outcome {
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.terrain.state.core.velocity_mps = *velocity_mps;
+                Outcome::Fused
+            }
+            Payload::Depth { depth_m, .. } => {
+                self.link.radio.set_depth(*depth_m);
+                Outcome::Fused
+            }
+            Payload::Fix { position_m, covariance_m2 } => self.fix(*position_m, *covariance_m2),
+            Payload::WaterDepth { water_depth_m, sigma_m } => self.sounding(*water_depth_m, *sigma_m),
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                self.reception(*sender, *tol_ns, *toa_ns, bytes)
+            }
+            _ => Outcome::Noted,
+        }
+    }
+}
+
 impl<const K: usize> Navigator for Mpf<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.link.radio.check_sender(&event.payload)?;
         self.terrain.state.core.advance(event.t_ns);
-        match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.terrain.state.core.velocity_mps = *velocity_mps;
-                Ok(Outcome::Fused)
-            }
-            Payload::Depth { depth_m, .. } => {
-                self.link.radio.set_depth(*depth_m);
-                Ok(Outcome::Fused)
-            }
-            Payload::Fix { position_m, covariance_m2 } => Ok(self.fix(*position_m, *covariance_m2)),
-            Payload::WaterDepth { water_depth_m, sigma_m } => Ok(self.sounding(*water_depth_m, *sigma_m)),
-            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
-            }
-            _ => Ok(Outcome::Noted),
-        }
+        let rejected_before = self.terrain.state.core.rejected;
+        let outcome = self.fuse_event(event);
+        self.terrain.state.core.count_gated(&event.payload, outcome, rejected_before);
+        Ok(outcome)
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
@@ -185,6 +196,15 @@ impl<const K: usize> Navigator for Mpf<K> {
 
     fn particles(&self) -> Option<Particles> {
         self.terrain.state.core.particles()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = self.terrain.diagnostics();
+        if self.options.range.is_some() {
+            let heard = self.link.range_novelty.last_heard();
+            said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        }
+        said
     }
 
     fn information_nat(&self) -> f64 {
