@@ -223,6 +223,8 @@ impl Payload {
     }
 }
 
+/// Nothing that a DVL rides on goes faster over ground, m/s: a reading above it says that there is none.
+pub const GROUND_SPEED_MAX_MPS: f64 = 30.0;
 /// Faster than anything that swims, m/s: beyond it sums over a mission would lose their digits.
 const SPEED_MPS: (f64, &str) = (1e4, "-10,000 to 10,000");
 /// Further than around the Earth, m.

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import os
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -31,6 +34,10 @@ if TYPE_CHECKING:
 
 __all__ = ["RunResult", "native_mission", "replay_for", "run", "sample_times_ns"]
 
+_RECORD_BYTES = 150
+"""Of one navigator's record, at each instant of a vehicle: mean, covariance, pose, diagnostics."""
+_STEPS = 500
+"""A replay is interrupted after so small a part of the mission at the latest."""
 CLOUD_EVERY = 10
 """Particles are kept at every so many instants of the record (10 keeps a mission's replay near 4 MB)."""
 
@@ -103,15 +110,9 @@ def run(
         replay_for(log, native, navigator, shared, filter_seed, sample_ns, CLOUD_EVERY if clouds else 0)
         for navigator in chosen
     ]
-    if threads == 1:
-        for name, replay in zip(names, replays, strict=True):
-            replay.run()
-            if progress:
-                progress(name)
-    else:
-        _native.run_all(replays, threads)
-        for name in names if progress else ():
-            progress(name)  # type: ignore[misc]
+    for k in _replayed(replays, log.duration_ns, threads):
+        if progress:
+            progress(names[k])
     seconds = {name: replay.seconds for name, replay in zip(names, replays, strict=True)}
     records = [replay.tracks() for replay in replays]
     return RunResult(
@@ -122,6 +123,37 @@ def run(
         seconds=seconds,
         sent={name: _sent(native, record) for name, record in zip(names, records, strict=True)},
     )
+
+
+def _replayed(replays: Sequence[_native.Replay], duration_ns: int, threads: int) -> Iterator[int]:
+    """Replay all and give the index of each when it is done.
+
+    Each goes step by step: native code does not hear signals, the interpreter between two steps does.
+    """
+    steps_ns = [duration_ns * k // _STEPS for k in range(1, _STEPS)]
+    stopped = threading.Event()
+
+    def whole(replay: _native.Replay) -> None:
+        for until_ns in steps_ns:
+            if stopped.is_set():
+                return
+            replay.run(until_ns)
+        replay.run()
+
+    if threads == 1 or len(replays) == 1:
+        for k, replay in enumerate(replays):
+            whole(replay)
+            yield k
+        return
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        futures = {pool.submit(whole, replay): k for k, replay in enumerate(replays)}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                yield futures[future]
+        finally:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
 
 
 def native_mission(log: MissionLog) -> _native.Mission:
@@ -141,7 +173,17 @@ def native_mission(log: MissionLog) -> _native.Mission:
 
 
 def sample_times_ns(log: MissionLog) -> NDArray[np.int64]:
-    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival."""
+    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival.
+
+    Raises:
+        LogError: a duration whose record does not fit into this machine's memory.
+    """
+    least_bytes = log.duration_ns // 1_000_000_000 * len(log.vehicles) * _RECORD_BYTES
+    if least_bytes > (memory_bytes := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
+        raise LogError(
+            f"mission {log.name!r} lasts {log.duration_ns / 1e9:g} s: its record at 1 Hz takes at least "
+            f"{least_bytes / 1e9:.0f} GB, this machine has {memory_bytes / 1e9:.0f} GB"
+        )
     grid = np.arange(0, log.duration_ns + 1, 1_000_000_000, dtype=np.int64)
     arrivals = [table["toa_ns"] for table in (log.opportunities, log.receptions) if table]
     times = np.unique(np.concatenate([grid, *arrivals]).astype(np.int64))

@@ -6,11 +6,14 @@ import hashlib
 import itertools
 import json
 import multiprocessing
+import multiprocessing.connection
 import os
-import signal
+import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib.metadata import version
@@ -19,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from uwcoop import acoustics
 from uwcoop import scenario as scenarios
+from uwcoop.acoustics.authentication import KeyFileWarning, check_key
 from uwcoop.errors import ScenarioError, StudyError, UwcoopError
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.error_series import (
@@ -31,8 +35,11 @@ from uwcoop.evaluation.error_series import (
 from uwcoop.evaluation.metrics import summary_text
 from uwcoop.experiment.navigator_choice import default_navigators
 from uwcoop.experiment.run import run
-from uwcoop.experiment.study_store import Row, StudyStore, text_of
+from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore, text_of
 from uwcoop.navigators import Custom, options_of
+from uwcoop.report.atomic_files import check_folder, lock_folder
+from uwcoop.report.interruption import deferred, ignored_in_children
+from uwcoop.scenario.secrets import holds_secret, redact, sets_secret
 from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world.simulate import open_chart, simulate
 
@@ -117,44 +124,95 @@ def study(
     """
     if runs < 1 or first_seed < 0:
         raise ScenarioError(f"runs is {runs} and first_seed {first_seed}: must be at least 1 and 0")
+    _refuse_secrets(overrides, vary or {})
     variants = list(_variants(scenario, overrides, vary or {}))
     chosen = _fit_everywhere(variants) if navigators is None else list(navigators)
     for variant in variants:
         acoustics.schedule(variant.scenario.acoustics, [v.name for v in variant.scenario.team], 0.0)
-    ledger = StudyStore(
-        None if out is None else Path(out),
-        list(vary or {}),
-        {
-            "uwcoop": version("uwcoop"),
-            "scenario": variants[0].scenario.name,
-            "navigators": [_name(n) for n in chosen],
-        },
-        {variant.texts: _digest(variant.scenario, chosen) for variant in variants},
-        resume=resume,
-    )
-    pending = _pending(ledger, variants, chosen, range(first_seed, first_seed + runs))
-    done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
-    if progress:
-        progress(done, total)
-    kept = _kept_before(ledger, list(vary or {}), Path(out)) if keep_errors and out is not None else {}
+        check_key(variant.scenario.acoustics.authentication)
+    with _sole_writer(None if out is None else Path(out)) as folder:
+        ledger = StudyStore(
+            folder,
+            list(vary or {}),
+            {
+                "uwcoop": version("uwcoop"),
+                "scenario": variants[0].scenario.name,
+                "navigators": [_name(n) for n in chosen],
+            },
+            {variant.texts: _digest(variant.scenario, chosen) for variant in variants},
+            resume=resume,
+        )
+        seeds = range(first_seed, first_seed + runs)
+        kept = _kept_before(ledger, list(vary or {}), folder) if keep_errors and folder is not None else {}
+        pending = _pending(ledger, variants, chosen, seeds)
+        done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
+        if progress:
+            progress(done, total)
+        try:
+            for seed, flown in _flights(pending, variants, chosen, processes, keep_errors):
+                ledger.add(_labelled(flown, variants, seed, first_seed))
+                kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
+                done += len(flown)
+                if progress:
+                    progress(done, total)
+        finally:
+            if folder is not None:
+                with deferred():  # what was flown is kept, also when a signal ends the study
+                    write_error_series(kept, folder)
+        errors = gather(kept, [variant.label for variant in variants], seeds)
+        return replace(_result(ledger, variants, runs, first_seed), errors=errors)
+
+
+@contextmanager
+def _sole_writer(folder: Path | None) -> Iterator[Path | None]:
+    """The folder, made if need be, while no other study writes to it; it is not left behind empty.
+
+    Raises:
+        StudyError: another process is at it.
+    """
+    if folder is None:
+        yield None
+        return
+    check_folder(folder, STUDY_FILES)
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        for seed, flown in _flights(pending, variants, chosen, processes, keep_errors):
-            ledger.add([
-                {**dict(zip(variants[k].settings, variants[k].texts, strict=True)), **row,
-                 "run": seed - first_seed}
-                for k, rows, _ in flown
-                for row in rows
-            ])  # fmt: skip
-            kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
-            done += len(flown)
-            if progress:
-                progress(done, total)
+        with lock_folder(folder):
+            yield folder
+    except BlockingIOError:
+        raise StudyError(
+            f"{folder} is being written by another study: wait, or take another folder"
+        ) from None
     finally:
-        if out is not None:
-            write_error_series(kept, Path(out))
-    seeds = range(first_seed, first_seed + runs)
-    errors = gather(kept, [variant.label for variant in variants], seeds)
-    return replace(_result(ledger, variants, runs, first_seed), errors=errors)
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _labelled(flown: _Flown, variants: Sequence[_Variant], seed: int, first_seed: int) -> list[Row]:
+    """A seed's rows with the values of the varied keys and the run's number."""
+    return [
+        {
+            **dict(zip(variants[k].settings, variants[k].texts, strict=True)),
+            **row,
+            "run": seed - first_seed,
+        }
+        for k, rows, _ in flown
+        for row in rows
+    ]
+
+
+def _refuse_secrets(overrides: Sequence[str], vary: Mapping[str, Sequence[Any]]) -> None:
+    """A study keeps what is varied in its files; a key has a place of its own.
+
+    Raises:
+        StudyError: a secret among the settings; the line does not repeat it.
+    """
+    varied = [key for key, values in vary.items() for value in values if holds_secret(key, value)]
+    varied += [text.partition("=")[0].strip() for text in overrides if sets_secret(text)]
+    if varied:
+        raise StudyError(
+            f"{redact(varied[0])} sets a secret, which a study would keep: name its place instead, "
+            "acoustics.authentication.key_env or key_file"
+        )
 
 
 def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
@@ -245,12 +303,13 @@ def _flights(
         return
     ours = set(multiprocessing.active_children())
     executor = ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), initializer=_leave_interrupts
+        workers, multiprocessing.get_context("spawn"), initializer=_end_with_parent
     )
     try:
-        futures: dict[Future[_Flown], int] = {
-            executor.submit(fly, seed, job, navigators): seed for seed, job in jobs.items()
-        }
+        with ignored_in_children():
+            futures: dict[Future[_Flown], int] = {
+                executor.submit(fly, seed, job, navigators): seed for seed, job in jobs.items()
+            }
         for future in as_completed(futures):
             try:
                 yield futures[future], future.result()
@@ -274,9 +333,18 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _leave_interrupts() -> None:
-    # Ctrl-C reaches every process of the terminal; the one that writes the rows decides what happens.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _end_with_parent() -> None:
+    """A worker whose parent is killed would wait for work for ever."""
+    warnings.simplefilter("ignore", KeyFileWarning)  # said once, by the parent
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _with_seed(error: UwcoopError, seed: int) -> UwcoopError:
