@@ -131,6 +131,11 @@ impl Settings for DmpfSettings {
             ))
             .chain(all_unread(ranges && !eq17, &["range_samples"], "range_method is gaussian"))
             .chain(all_unread(
+                eq17 && self.packet == DmpfPacket::Particles,
+                &["range_samples"],
+                "(17) takes every particle of a \"particles\" packet",
+            ))
+            .chain(all_unread(
                 ranges && self.packet != DmpfPacket::Modes,
                 &["modes"],
                 "packet is not \"modes\"",
