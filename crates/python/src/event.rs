@@ -174,8 +174,9 @@ pub fn reception(
     bytes: &[u8],
 ) -> PyResult<CoreEvent> {
     let payload = Payload::Reception { sender: vehicle(sender)?, tol_ns, toa_ns, bytes: Arc::from(bytes) };
-    payload.validate().map_err(log)?;
-    Ok(CoreEvent { t_ns, vehicle: vehicle(receiver)?, payload })
+    let event = CoreEvent { t_ns, vehicle: vehicle(receiver)?, payload };
+    event.validate().map_err(log)?;
+    Ok(event)
 }
 
 #[pymethods]
@@ -210,8 +211,9 @@ impl Event {
             return Ok(Self { inner });
         }
         let payload = payload(kind, &keywords)?;
-        payload.validate().map_err(navigator)?;
-        Ok(Self { inner: CoreEvent { t_ns, vehicle: self::vehicle(vehicle)?, payload } })
+        let inner = CoreEvent { t_ns, vehicle: self::vehicle(vehicle)?, payload };
+        inner.validate().map_err(navigator)?;
+        Ok(Self { inner })
     }
 
     /// Time since the mission's epoch, ns.

@@ -7,9 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use super::drift::Drift;
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Status, check_event, check_sender};
+use super::{Estimate, Kinds, Navigator, Outcome, Profile, Status, check_event, check_sender};
 use crate::error::Error;
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::particles::displacement_map;
 
 /// Position, current, compass bias, thrust bias.
@@ -144,8 +144,13 @@ impl Navigator for DeadReckoning {
         Ok(None)
     }
 
-    fn takes_ranges(&self) -> bool {
-        false
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: false,
+            has_checksum: true,
+            needs_delivery_oracle: false,
+            uses: Kinds::of(&[Kind::Motion, Kind::Fix]),
+        }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

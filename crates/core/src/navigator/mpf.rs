@@ -12,11 +12,11 @@ use super::radio::{HeardBelief, Radio};
 use super::range::RangeOptions;
 use super::range_novelty::RangeNovelty;
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::{Chart, SigmaMap};
 use crate::cloud::Cloud;
 use crate::error::{Error, non_negative, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
 use crate::kernels::lookup::bilinear;
 use crate::kernels::pattern::{Pattern, pattern_depths};
@@ -260,7 +260,7 @@ impl<const K: usize> Mpf<K> {
         };
         let state = &mut self.state;
         state.health += monitor.forgetting * (statistic.min(monitor.clip) - state.health);
-        let since_s = state.last_alarm_ns.map_or(f64::INFINITY, |last| seconds(now_ns - last));
+        let since_s = state.last_alarm_ns.map_or(f64::INFINITY, |last| seconds(now_ns.saturating_sub(last)));
         if state.health <= monitor.alarm || since_s < monitor.quiet_s {
             return false;
         }
@@ -290,6 +290,11 @@ impl<const K: usize> Mpf<K> {
 
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
+        // Before the radio takes down that the packet was heard: what cannot be placed in time is refused whole.
+        if !self.state.core.remembers(toa_ns) {
+            self.state.core.rejected += 1;
+            return Outcome::Rejected;
+        }
         let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
@@ -465,8 +470,11 @@ impl<const K: usize> Navigator for Mpf<K> {
         self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
-    fn takes_ranges(&self) -> bool {
-        self.options.range.is_some()
+    fn profile(&self) -> Profile {
+        let ranges = self.options.range.is_some();
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

@@ -200,6 +200,12 @@ impl<const K: usize> ParticleCore<K> {
         self.trajectory.as_ref().and_then(|t| t.since(t_ns))
     }
 
+    /// Whether it knows where the vehicle was at `t_ns`, relative to where it is.
+    #[must_use]
+    pub fn remembers(&self, t_ns: i64) -> bool {
+        self.started() && self.displacement_since(t_ns).is_some()
+    }
+
     /// Gives particles without a likelihood (NaN: over a hole, off the chart) the mean likelihood of those that have one.
     ///
     /// False, and `OffChart`, if those hold too little of the weight: the sounding must not be used then.

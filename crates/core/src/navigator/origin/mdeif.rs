@@ -15,15 +15,15 @@ use super::joint_filter::{JointFilter, PeerUpdate};
 use super::local::estimate;
 use super::local_options::LocalOptions;
 use super::range::Range;
-use super::sensors::check_local_event;
+use super::sensors::{LOCAL_SENSORS, check_local_event};
 use super::server::{Launch, Server};
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::information::graph_packet::GraphPacket;
 use crate::information::replica::{JoinPlan, Method, Methods, Replica};
 use crate::link::{AckBitmap, Admission, ReceiveWindow};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::graph::rounded::rounded_lags;
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
 
@@ -335,6 +335,16 @@ impl Navigator for Mdeif {
         }
         self.core = core;
         Ok(())
+    }
+
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: self.uses_ranges(self.own),
+            has_checksum: true,
+            needs_delivery_oracle: false,
+            // One that uses no ranges still reads what packets acknowledge.
+            uses: LOCAL_SENSORS.with(Kind::Reception, true),
+        }
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

@@ -24,10 +24,10 @@ use serde::{Deserialize, Serialize};
 use super::drift::Drift;
 use super::mpf::{Mpf, MpfOptions, MpfState};
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
 use crate::packet::{CRC_BYTES, TEAM_MAX, TeamLayout, TeamReport};
 use group::Group;
@@ -173,7 +173,7 @@ impl<const K: usize> Team<K> {
         }
         let step = core.advance(t_ns);
         if let Some(current) = &mut self.state.current {
-            let dt_s = seconds(t_ns - before_ns);
+            let dt_s = seconds(t_ns.saturating_sub(before_ns));
             current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
         }
         if step.is_some() && self.options.use_ranges {
@@ -300,6 +300,13 @@ impl<const K: usize> Navigator for Team<K> {
         self.mpf.state = mpf;
         self.state = state;
         Ok(())
+    }
+
+    fn profile(&self) -> Profile {
+        let ranges = self.options.use_ranges;
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn particles(&self) -> Option<Particles> {

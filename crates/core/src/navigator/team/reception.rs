@@ -4,7 +4,7 @@ use super::group::Group;
 use super::packet_updates::{ReportModel, Target};
 use super::{Team, Teammate};
 use crate::chart::{Chart, SigmaMap};
-use crate::event::VehicleId;
+use crate::event::{VehicleId, seconds};
 use crate::kernels::lookup::{Grid, Paired, bilinear};
 use crate::kernels::team::{BLOCK, BlockUpdates, Joints, MapSigma, Op, Own, Terrain, run};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
@@ -144,7 +144,7 @@ impl<const K: usize> Team<K> {
         drift.sigma_current_mps_per_sqrt_s *= share;
         if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.mpf.state.core.now_ns()) {
             let linear = &self.mpf.state.core.cloud.linear;
-            let ago_s = (now_ns - tol_ns) as f64 * 1e-9;
+            let ago_s = seconds(now_ns.saturating_sub(tol_ns));
             let hidden = current.since(sender, linear, ago_s, &mut self.scratch.current);
             drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(hidden.sqrt());
         }
@@ -197,7 +197,7 @@ impl<const K: usize> Team<K> {
         let began = updates.at(mate.tol_ns);
         report.soundings.iter().find_map(|s| {
             let t_ns = tol_ns.saturating_sub((s.age_s * 1e9).round() as i64);
-            let (at, dt_s) = (updates.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
+            let (at, dt_s) = (updates.at(t_ns), seconds(t_ns.saturating_sub(mate.tol_ns)));
             let place = [0, 1].map(|a| state(a) + at[a] - began[a] + state(3 + a) * dt_s);
             let depth = bilinear(&filled_grid(self.filled.as_deref(), chart), place[0], place[1]);
             let whole = unwrap_near(s.water_depth_m, report.depth_modulus_m, depth + state(2));
