@@ -205,7 +205,9 @@ impl Replay {
         let slot = self.mission.slots.slots()[self.cursor.slot];
         self.cursor.slot += 1;
         let poll = self.mission.poll_of(&slot).copied();
-        if let Some(poll) = poll.filter(|poll| self.team.profile(poll.poller).is_some_and(|profile| profile.takes_ranges)) {
+        if let Some(poll) =
+            poll.filter(|poll| self.team.profile(poll.poller).is_some_and(|profile| profile.takes_ranges))
+        {
             self.record.polled(poll);
         }
         if poll.is_some_and(|poll| !poll.answered) {

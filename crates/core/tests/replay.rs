@@ -71,7 +71,12 @@ impl Navigator for Fake {
     }
 
     fn profile(&self) -> Profile {
-        Profile { takes_ranges: true, has_checksum: false, needs_delivery_oracle: self.oracle, uses: Kinds::all() }
+        Profile {
+            takes_ranges: true,
+            has_checksum: false,
+            needs_delivery_oracle: self.oracle,
+            uses: Kinds::all(),
+        }
     }
 }
 
@@ -330,11 +335,8 @@ fn a_vehicle_too_far_or_too_deep_for_its_packet_keeps_silent_and_the_others_go_o
         ("lost", [0.0, 0.0], 1e8, 3.0, true),
         ("deepest", [0.0, 0.0], 25.0, 10_935.0, false),
     ] {
-        let events = vec![
-            fix(0, 0, position_m, variance_m2),
-            depth(0, 0, depth_m),
-            fix(0, 1, [100.0, 0.0], 25.0),
-        ];
+        let events =
+            vec![fix(0, 0, position_m, variance_m2), depth(0, 0, depth_m), fix(0, 1, [100.0, 0.0], 25.0)];
         let slots = vec![slot(SECOND, 0), slot(3 * SECOND, 1)];
         let mission = Mission::new(2, link(), events, slots, vec![], 9 * SECOND).unwrap();
         let member = |own| Box::new(mpf::<2>(own, 2, mpf_options(60), &chart, 11)) as Box<dyn Navigator>;

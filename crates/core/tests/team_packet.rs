@@ -3,7 +3,8 @@
 
 use proptest::prelude::*;
 use uwcoop_core::packet::{
-    FixSays, Header, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport, append_crc,
+    FixSays, Header, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport,
+    append_crc,
 };
 
 const SENDER: u16 = 1;

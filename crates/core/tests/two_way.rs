@@ -50,7 +50,12 @@ impl Navigator for Talker {
     }
 
     fn profile(&self) -> Profile {
-        Profile { takes_ranges: self.takes_ranges, has_checksum: false, needs_delivery_oracle: false, uses: Kinds::all() }
+        Profile {
+            takes_ranges: self.takes_ranges,
+            has_checksum: false,
+            needs_delivery_oracle: false,
+            uses: Kinds::all(),
+        }
     }
 }
 

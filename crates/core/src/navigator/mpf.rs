@@ -449,7 +449,7 @@ impl<const K: usize> Navigator for Mpf<K> {
                 self.state.core.velocity_mps = *velocity_mps;
                 Ok(Outcome::Fused)
             }
-            Payload::Depth { depth_m, .. } => {
+            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
                 self.state.radio.set_depth(*depth_m);
                 Ok(Outcome::Fused)
             }

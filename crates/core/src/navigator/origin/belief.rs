@@ -135,6 +135,9 @@ impl BeliefNavigator {
         let outcome = range.fuse(&mut joint, sender, own, self.options.local.gate_sigmas);
         if outcome == Outcome::Fused {
             let now = self.core.graph.coast(ALONE, late_s).applied(&joint.marginal(own));
+            if !now.is_sound() {
+                return Outcome::Gated;
+            }
             self.core.graph.set_alone(&now);
         }
         outcome

@@ -182,6 +182,9 @@ impl Deif {
         for delta in deltas.iter().rev() {
             let step = GraphStep::from_information(delta, &node)?;
             node = step.apply(&node)?;
+            if !node.is_sound() {
+                return Err(Error::NotPositiveDefinite { quantity: "a server's node" });
+            }
             all = all.then(&step)?;
         }
         Ok(Some((if begun { PeerUpdate::First(node) } else { PeerUpdate::Step(all) }, node)))
@@ -274,8 +277,13 @@ impl Navigator for Deif {
             payload => {
                 let mut server = self.core.server.clone();
                 let (outcome, fused) = server.sense(event.t_ns, payload)?;
-                if let Some(fused) = fused {
-                    self.core.joint_filter.sense(event.t_ns, &fused)?;
+                if let Some(fused) = fused
+                    && self.core.joint_filter.sense(event.t_ns, &fused).is_err()
+                {
+                    // The joint is less forgiving than the filter of the own node: neither takes it then.
+                    self.core.server.filter.advance(event.t_ns);
+                    self.core.rejected += 1;
+                    return Ok(Outcome::Gated);
                 }
                 self.core.server = server;
                 Ok(outcome)

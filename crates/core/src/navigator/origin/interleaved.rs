@@ -237,10 +237,8 @@ fn join(
     let own = joint.push(&back.applied(&filter.node));
     let sender = joint.push(&sender);
     let fused = range.fuse(&mut joint, sender, own, gate_sigmas) == Outcome::Fused;
-    fused.then(|| Helped {
-        origins: filter.origins.union(member.origins),
-        node: forth.applied(&joint.marginal(own)),
-    })
+    let node = forth.applied(&joint.marginal(own));
+    (fused && node.is_sound()).then(|| Helped { origins: filter.origins.union(member.origins), node })
 }
 
 impl Navigator for Interleaved {

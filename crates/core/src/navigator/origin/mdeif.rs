@@ -214,12 +214,12 @@ impl Mdeif {
         let Ok(range) = range else { return Ok(self.reject()) };
         let replica = &self.core.peers[usize::from(sender)].replica;
         let plan: JoinPlan = match replica.plan(graph, &self.options.methods) {
-            Ok(Some(plan)) => plan,
+            Ok(Some(plan)) if plan.node.filtered.is_sound() => plan,
             Ok(None) => {
                 self.core.counts.unknown_origin += 1;
                 return Ok(self.reject());
             }
-            Err(_) => {
+            Ok(Some(_)) | Err(_) => {
                 self.core.counts.unsound += 1;
                 return Ok(self.reject());
             }
@@ -277,8 +277,13 @@ impl Navigator for Mdeif {
         }
         let mut server = self.core.server.clone();
         let (outcome, fused) = server.sense(event.t_ns, &event.payload)?;
-        if let Some(fused) = fused {
-            self.core.joint_filter.sense(event.t_ns, &fused)?;
+        if let Some(fused) = fused
+            && self.core.joint_filter.sense(event.t_ns, &fused).is_err()
+        {
+            // The joint is less forgiving than the filter of the own node: neither takes it then.
+            self.core.server.filter.advance(event.t_ns);
+            self.core.rejected += 1;
+            return Ok(Outcome::Gated);
         }
         self.core.server = server;
         Ok(outcome)

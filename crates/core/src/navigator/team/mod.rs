@@ -234,7 +234,7 @@ impl<const K: usize> Navigator for Team<K> {
                 self.mpf.state.core.velocity_mps = *velocity_mps;
                 Ok(Outcome::Fused)
             }
-            Payload::Depth { depth_m, .. } => {
+            Payload::Depth { depth_m, .. } if self.options.use_ranges => {
                 self.mpf.state.radio.set_depth(*depth_m);
                 Ok(Outcome::Fused)
             }
