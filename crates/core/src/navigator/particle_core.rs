@@ -42,7 +42,7 @@ pub struct ParticleCore<const K: usize> {
 /// A fix that contradicts the belief by more than this (χ² of two degrees of freedom, 5e-6) is gated …
 const FIX_GATE: f64 = 24.0;
 /// … but this many in a row are believed: a lost vehicle that surfaces must be able to start anew.
-const FIXES_BELIEVED: u32 = 3;
+pub(in crate::navigator) const FIXES_BELIEVED: u32 = 3;
 /// No fix is better than a decimetre per axis, m².
 const FIX_FLOOR_M2: f64 = 0.01;
 /// Share of the weight that must have a chart for a sounding to be used.

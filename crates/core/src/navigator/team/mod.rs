@@ -10,6 +10,7 @@ mod group;
 mod options;
 mod outgoing_data;
 mod packet_updates;
+mod plausibility;
 mod position_history;
 mod reception;
 mod resampling;
@@ -47,6 +48,8 @@ pub struct Teammate {
     pub sequence: u8,
     /// Distance travelled since its last sounding that was used, m.
     pub since_sounding_m: Option<f64>,
+    /// Fixes in a row that it told and that contradict its block.
+    pub contradicting_fixes: u32,
 }
 
 /// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) own linear states.

@@ -162,7 +162,8 @@ impl PacketUpdates {
     }
 
     /// The fastest piece is the one without a turn, m/s.
-    fn speed(&self, report: &TeamReport) -> f64 {
+    #[must_use]
+    pub fn speed(&self, report: &TeamReport) -> f64 {
         let piece_s = report.window_s / report.pieces_m.len().max(1) as f64;
         report.pieces_m.iter().map(|p| p[0].hypot(p[1]) / piece_s.max(1e-3)).fold(0.0, f64::max)
     }
