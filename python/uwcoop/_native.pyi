@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Authenticator",
+    "CentralEstimator",
     "Chart",
     "Estimate",
     "Event",
     "Mission",
     "Navigator",
     "Replay",
-    "CentralEstimator",
     "belief_exchange",
     "bilinear_depth",
     "bilinear_gradient",
@@ -96,6 +96,8 @@ class Chart:
     def correlation_length_m(self) -> float: ...
     @property
     def mean_depth_m(self) -> float: ...
+
+def event_bounds() -> list[tuple[str, str, float, float, bool]]: ...
 
 @final
 class Event:

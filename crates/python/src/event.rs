@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use uwcoop_core::event::{Event as CoreEvent, Payload};
+use uwcoop_core::event::{BOUNDS, Event as CoreEvent, Payload};
 
 use crate::errors::{argument, log, navigator};
 
@@ -13,6 +13,13 @@ use crate::errors::{argument, log, navigator};
 #[pyclass(frozen, module = "uwcoop._native")]
 pub struct Event {
     pub inner: CoreEvent,
+}
+
+/// (kind, field, least value, greatest value, whether the least value itself is refused) of every number of every kind
+/// of event.
+#[pyfunction]
+pub fn event_bounds() -> Vec<(&'static str, &'static str, f64, f64, bool)> {
+    BOUNDS.iter().map(|b| (b.kind.name(), b.field, b.minimum, b.maximum, b.above)).collect()
 }
 
 /// Gives the fields of one event by name; `None` for a field that is missing.

@@ -62,6 +62,7 @@ ROW_COLUMNS: dict[str, type] = {
     "state_anees_per_dof": float,
     "yaw_rmse_deg": float,
     "rejected": int,
+    "unsent": int,
     "rmse_over_bound": float,
     "rmse_over_linearised_bound": float,
     "packet_bytes_mean": float,
@@ -86,6 +87,7 @@ _VEHICLE_KEYS = (
     "state_anees_per_dof",
     "yaw_rmse_deg",
     "rejected",
+    "unsent",
     "rmse_over_bound",
     "rmse_over_linearised_bound",
 )
@@ -154,7 +156,8 @@ def rows(
                     "anees": float(defined.mean()) if defined.size else None,
                     "state_anees_per_dof": _state_anees_per_dof(tracks, i, j, grid),
                     "yaw_rmse_deg": _yaw_rmse_deg(tracks, i, j, grid),
-                    "rejected": _rejected(tracks, i, j),
+                    "rejected": _count(tracks, "rejected", i, j),
+                    "unsent": _count(tracks, "unsent", i, j),
                     "rmse_over_bound": _over_bound(tracks, "bound_m", i, j, grid, rmse_m),
                     "rmse_over_linearised_bound": _over_bound(
                         tracks, "linearised_bound_m", i, j, grid, rmse_m
@@ -327,8 +330,11 @@ def _over_bound(
     return rmse_m / rms if rms is not None and rms > 0 else None
 
 
-def _rejected(tracks: xr.Dataset, i: int, j: int) -> int | None:
-    count = _values(tracks, "rejected")[i, j, -1]
+def _count(tracks: xr.Dataset, name: str, i: int, j: int) -> int | None:
+    """The last value of a count; None where it was not recorded."""
+    if name not in tracks:
+        return None
+    count = _values(tracks, name)[i, j, -1]
     return int(count) if np.isfinite(count) else None
 
 

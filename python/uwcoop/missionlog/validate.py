@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from uwcoop._native import event_bounds
 from uwcoop.errors import LogError
 from uwcoop.missionlog.model import (
     EVENT_COLUMNS,
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _LONGEST_NS = (2**31 - 1) * 1_000_000_000  # seconds of a ROS 2 stamp are int32
-_POSITIVE = {"water_depth_m", "range_m"}
+_BOUNDS = {(kind, field): (*bounds, above) for kind, field, *bounds, above in event_bounds()}
+"""By event kind and column: least and greatest value, and whether the least itself is refused; the core's table."""
 _OPTIONAL = {"range_m", "own_bearing_rad", "peer_bearing_rad"}  # NaN: not measured
 _COVARIANCES = {
     "fix": (("cov_ee_m2", "cov_en_m2"), ("cov_en_m2", "cov_nn_m2")),
@@ -126,16 +128,17 @@ class _Table(NamedTuple):
         self.refuse((values < 0) | (values >= count), column, f"an index into the team: 0 to {count - 1}")
 
     def check_finite(self) -> None:
-        """Every float finite (NaN where a measurement is optional), sigmas not negative, ranges positive."""
+        """Every float finite (NaN where a measurement is optional) and within the core's bounds of events."""
         for name, column in self.columns.items():
             if column.dtype.kind != "f" or name == "draws":
                 continue
             bad = ~np.isfinite(column) & ~(np.isnan(column) & (name in _OPTIONAL))
             self.refuse(bad, name, "finite")
-            if name.startswith("sigma_"):
-                self.refuse(column < 0, name, "at least 0")
-            if name in _POSITIVE:
-                self.refuse(column <= 0, name, "above 0 m")
+            if (self.name, name) in _BOUNDS:
+                least, most, above = _BOUNDS[self.name, name]
+                bound = f"above {least:g} m" if above else f"at least {least:g}"
+                self.refuse(column <= least if above else column < least, name, bound)
+                self.refuse(column > most, name, f"at most {most:g}")
 
 
 def _team(log: MissionLog) -> None:

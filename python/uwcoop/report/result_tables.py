@@ -118,6 +118,7 @@ _RUN_COLUMNS: _Columns = (
     ("rmse_over_bound", "RMSE\n/\nbound", _THREE_DIGITS),
     ("rmse_over_linearised_bound", "/ lin.\nbound", _THREE_DIGITS),
     ("rejected", "re-\njected", "{:.0f}"),
+    ("unsent", "un-\nsent", "{:.0f}"),
 )
 
 _STUDY_COLUMNS: _Columns = (

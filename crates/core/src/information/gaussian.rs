@@ -32,9 +32,9 @@ pub fn symmetrized<const D: usize>(matrix: &SMatrix<f64, D, D>) -> SMatrix<f64, 
 /// Rounding may take a correlation this much above one.
 const CORRELATION_ROUNDING: f64 = 1e-10;
 
-/// Whether a mean is finite and every pair of a covariance's leading `size` entries is one of a Gaussian: variances
-/// above zero, correlations of at most one. Where sums of numbers of very different size have lost their digits, one of
-/// these fails.
+/// Whether a mean is finite and every pair of a covariance's leading `size` entries is one of a Gaussian: no variance
+/// below zero, correlations of at most one. Where sums of numbers of very different size have lost their digits, one of
+/// these fails. What is known exactly has a variance and covariances of zero.
 pub(super) fn is_sound<'a>(
     mut mean: impl Iterator<Item = &'a f64>,
     size: usize,
@@ -44,7 +44,7 @@ pub(super) fn is_sound<'a>(
         && (0..size).all(|row| {
             let variance = entry(row, row);
             variance.is_finite()
-                && variance > 0.0
+                && variance >= 0.0
                 && (0..row).all(|column| {
                     let covariance = entry(row, column);
                     covariance * covariance <= variance * entry(column, column) * (1.0 + CORRELATION_ROUNDING)
@@ -112,10 +112,11 @@ impl<const D: usize> Gaussian<D> {
         Ok(())
     }
 
-    /// Whether it is finite, and no entry's variance is below what its covariances ask for.
+    /// Whether it is finite, every variance is above zero, and none is below what its covariances ask for.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         is_sound(self.mean.iter(), D, |row, column| self.covariance[(row, column)])
+            && self.covariance.diagonal().iter().all(|variance| *variance > 0.0)
     }
 }
 
