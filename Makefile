@@ -1,10 +1,13 @@
 # The whole vocabulary. Every target does its own set-up on a machine with git, make, Python >= 3.11 and cargo.
-.PHONY: build demo test bench lint docs study fuzz clean
+.PHONY: build demo test bench lint lock docs study fuzz clean
 .DEFAULT_GOAL := build
 
 UV := .tools/bin/uv
 export UV_PROJECT_ENVIRONMENT := .venv
 SYNC := $(UV) sync -q --all-extras
+ifdef LOCKED                # the very packages of .ci/requirements.txt, checked by their hashes
+SYNC := .ci/sync $(UV)
+endif
 PYTEST_ARGS ?=
 
 $(UV):
@@ -29,6 +32,12 @@ lint: $(UV)
 	.venv/bin/ruff check .
 	.venv/bin/mypy
 	.venv/bin/python -m mypy.stubtest uwcoop._native
+	@if cargo deny --version >/dev/null 2>&1; then cargo deny --offline check bans licenses sources; \
+	 else echo "cargo-deny is not installed: tests/test_supply_chain.py holds Cargo.lock against deny.toml"; fi
+
+lock: $(UV)                 ## .ci/requirements.txt anew: versions and hashes of today
+	$(UV) lock -q --upgrade
+	$(UV) export -q --frozen --all-extras --group dev --no-emit-project --no-header -o .ci/requirements.txt
 
 bench: $(UV)                ## criterion benches, then the side-by-side comparison with NumPy and numba
 	$(SYNC) --group bench

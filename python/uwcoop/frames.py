@@ -85,7 +85,13 @@ class Origin:
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """Local ENU metres around an `Origin` with a known position, by the origin's projection.
+    """Local metres, east and north, around a place on Earth: what a person has in degrees, the program in metres.
+
+        frame = LocalFrame.at(47.60, -122.40)
+        frame.to_local([47.601], [-122.399])     # (1, 2): [[75.2, 111.2]]
+        frame.to_geographic([[75.2, 111.2]])     # (1, 2): [[47.601, -122.399]]
+
+    A chart's frame is `LocalFrame(chart.origin)`. Needs pyproj, of the extra `maps`.
 
     With a grid projection such as UTM, "north" is grid north and a metre is a grid metre, so a chart's nodes
     keep their places; `convergence_deg` says how far grid north lies from true north.
@@ -109,12 +115,17 @@ class LocalFrame:
             raise ChartError(f"longitude {longitude_deg} deg is outside -180 to 360 deg")
         return cls(Origin(latitude_deg, longitude_deg, crs or local_projection(latitude_deg, longitude_deg)))
 
-    @cached_property
-    def _crs(self) -> Any:
+    @property
+    def crs_text(self) -> str:
+        """The frame's projection, as `crs_of` reads it."""
         latitude, longitude = self.origin.latitude_deg, self.origin.longitude_deg
         assert latitude is not None
         assert longitude is not None
-        return crs_of(self.origin.crs or local_projection(latitude, longitude))
+        return self.origin.crs or local_projection(latitude, longitude)
+
+    @cached_property
+    def _crs(self) -> Any:
+        return crs_of(self.crs_text)
 
     @cached_property
     def _transformer(self) -> Any:

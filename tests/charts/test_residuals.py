@@ -20,7 +20,7 @@ from uwcoop.cli import app
 from uwcoop.errors import ChartError
 from uwcoop.scenario.chart import Survey
 
-pytest.importorskip("verde")
+pytest.importorskip("scipy")
 
 
 def planted(value: Any, east: Any, north: Any, surveys: int = 2) -> Residuals:

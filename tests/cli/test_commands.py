@@ -230,7 +230,7 @@ def test_a_chart_file_takes_the_place_of_the_scenarios() -> None:
     log = load_log("own.mcap")
     assert log.chart is not None
     assert log.chart.cell_m == 5
-    assert log.scenario["chart"]["source"] == str(bay.resolve())
+    assert log.setup.tables()["chart"]["source"] == str(bay.resolve())
     succeeds("run", "own.mcap", *local, "-n", "mpf", "-o", "same")
     assert "unknown key 'crss'" in refusal("run", "own.mcap", "--chart", bay, "--set", "chart.crss=local")
     write_log(replace(log, chart=None), "bare.mcap")
@@ -401,6 +401,8 @@ def test_a_log_cut_off_or_with_another_chart_is_refused(mission: Path, tmp_path:
 
 def test_outputs_that_cannot_be_are_refused(mission: Path, tmp_path: Path) -> None:
     assert "is a file, the output must be a folder" in refusal("run", mission, "-o", mission)
-    assert "cannot be written" in refusal("simulate", "st-john", *SHORT, "-o", tmp_path / "no" / "m.mcap")
+    assert "there is no such folder" in refusal(
+        "simulate", "st-john", *SHORT, "-o", tmp_path / "no" / "m.mcap"
+    )
     assert uwcoop("simulate", "st-john", "-o", "mission.bag").exit_code == 2
     assert not os.listdir(".")

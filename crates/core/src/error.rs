@@ -91,6 +91,16 @@ pub enum Error {
         /// Entries expected.
         expected: usize,
     },
+    /// An option of a navigator that it does not have, does not read, or whose value it cannot take.
+    #[error("navigator.{navigator}.{option}: {reason}")]
+    Setting {
+        /// The navigator, or its method.
+        navigator: &'static str,
+        /// The option.
+        option: String,
+        /// Why.
+        reason: String,
+    },
     /// A packet longer than its slot allows.
     #[error("packet of {bytes} bytes exceeds the slot's capacity of {capacity} bytes")]
     PacketTooLong {

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from uwcoop.cli.chart_command import chart as chart_command
 from uwcoop.cli.options import (
     ChartFileOption,
     FiguresOption,
@@ -85,85 +86,7 @@ def scenarios() -> None:
     terminal().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
 
 
-@app.command()
-def chart(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE",
-            help="GeoTIFF, NetCDF (CF, GMT, GEBCO), BAG, ESRI ASCII grid, soundings as CSV or XYZ; or "
-            "synthetic:st-john.",
-        ),
-    ],
-    picture: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Write depths and where terrain helps as a picture.")
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,DEPTH[,SURVEY[,TIME]]",
-            help="Of soundings: their names in the header, e.g. lon,lat,depth.",
-        ),
-    ] = None,
-    cell: Annotated[float | None, typer.Option(metavar="M", help="Distance between nodes.")] = None,
-    crs: Annotated[
-        str | None, typer.Option(metavar="EPSG:N", help='Projection of the positions, or "local" for metres.')
-    ] = None,
-    positive: Annotated[
-        str | None, typer.Option(metavar="up|down", help="The way in which the file's numbers grow.")
-    ] = None,
-    depth_unit: Annotated[
-        str | None, typer.Option(metavar="m|ft|fathom", help="Unit of the depths, which become metres.")
-    ] = None,
-    max_gap: Annotated[
-        float | None,
-        typer.Option(metavar="M", help="Of soundings: nodes farther than this from all of them are holes."),
-    ] = None,
-    from_soundings: Annotated[
-        bool,
-        typer.Option(
-            "--from-soundings",
-            help="FILE holds soundings: say what each survey's say of the chart that the others make.",
-        ),
-    ] = False,
-    align: Annotated[
-        bool,
-        typer.Option("--align", help="Of soundings: shift segments of 900 s until crossing ones agree."),
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the facts as JSON on stdout, and nothing else there.")
-    ] = False,
-) -> None:
-    """What a chart holds: extent, cell, depths, holes, slopes, and where terrain tells a position."""
-    import json
-
-    from uwcoop.charts import describe, load_sounded
-    from uwcoop.report.input_tables import chart_table, residuals_table
-    from uwcoop.report.run_folder import write_chart_picture
-    from uwcoop.world.simulate import open_source
-
-    options: dict[str, Any] = {
-        "columns": columns,
-        "cell_m": cell,
-        "crs": crs,
-        "positive": positive,
-        "depth_unit": depth_unit,
-        "max_gap_m": max_gap,
-    }
-    given = {key: value for key, value in options.items() if value is not None}
-    made = load_sounded(file, align=align, **given) if from_soundings or align else None
-    found = open_source(file, **given) if made is None else made.chart
-    facts = describe(found) | ({} if made is None else made.as_dict())
-    if picture is not None:
-        write_chart_picture(found, picture)
-    if as_json:
-        typer.echo(json.dumps(facts, indent=2, allow_nan=False))
-    else:
-        terminal().print(chart_table(facts))
-        if made is not None:
-            terminal().print(residuals_table(facts))
-    if picture is not None:
-        say(f"wrote {picture}")
+app.command()(chart_command)
 
 
 @app.command()
@@ -177,10 +100,12 @@ def simulate(
     """Simulate a mission and write its log (MCAP, standard ROS 2 messages)."""
     from uwcoop.experiment.mission import LOG_SUFFIX, load_scenario
     from uwcoop.missionlog.mcap import write_log
+    from uwcoop.report.atomic_files import check_file
     from uwcoop.world.simulate import simulate as fly
 
     if output.suffix != LOG_SUFFIX:
         raise typer.BadParameter(f"{output} must end in {LOG_SUFFIX}", param_hint="-o")
+    check_file(output)
     log = fly(load_scenario(scenario, chart, settings or ()), seed)
     write_log(log, output)
     print_notes(log)
@@ -222,13 +147,13 @@ def run(
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
     from uwcoop.evaluation.metrics import summary_text
     from uwcoop.experiment.run import run as replay
-    from uwcoop.report.atomic_files import refuse_file
-    from uwcoop.report.run_folder import write_run
+    from uwcoop.report.atomic_files import check_folder
+    from uwcoop.report.run_folder import RUN_FILES, write_run
 
     names = names_of(navigator) or None
     needs_folder(figures, output, "--figures")
     if output is not None:
-        refuse_file(output)
+        check_folder(output, RUN_FILES)
     with progress(f"opening {mission}", len(names) if names else None) as step:
         result = replay(
             mission,

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import os
+import threading
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +20,11 @@ from uwcoop.errors import LogError
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.cramer_rao import BOUNDS, bounds_of
 from uwcoop.evaluation.pose_tracks import pose_variables
+from uwcoop.experiment.diagnostics import attributes_of
 from uwcoop.experiment.mission import open_mission
-from uwcoop.experiment.packet_budget import check_packets_fit, default_navigators, ranging_of
+from uwcoop.experiment.navigator_choice import check_packets_fit, default_navigators
 from uwcoop.missionlog import MissionLog
-from uwcoop.navigators import NAVIGATORS, Context, Custom, build, options_of
+from uwcoop.navigators import NAVIGATORS, Context, Custom, PythonNavigator, build, build_central, options_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,8 +34,10 @@ if TYPE_CHECKING:
 
 __all__ = ["RunResult", "native_mission", "replay_for", "run", "sample_times_ns"]
 
-SETTLE_S = 50.0
-"""For logs that name no scenario: errors count after this time."""
+_RECORD_BYTES = 150
+"""Of one navigator's record, at each instant of a vehicle: mean, covariance, pose, diagnostics."""
+_STEPS = 500
+"""A replay is interrupted after so small a part of the mission at the latest."""
 CLOUD_EVERY = 10
 """Particles are kept at every so many instants of the record (10 keeps a mission's replay near 4 MB)."""
 
@@ -90,12 +96,12 @@ def run(
         ScenarioError, LogError, ChartError, NavigatorError: one line that says what is wrong.
     """
     log = open_mission(mission, seed, chart, overrides)
-    chosen = default_navigators(log.scenario, len(log.vehicles)) if navigators is None else list(navigators)
+    chosen = default_navigators(log.setup, len(log.vehicles)) if navigators is None else list(navigators)
     names = [n if isinstance(n, str) else n.name for n in chosen]
     repeated = {n for n in names if names.count(n) > 1}
     if repeated:
         raise LogError(f"navigator {sorted(repeated)[0]!r} is asked for more than once")
-    check_packets_fit((n for n in chosen if isinstance(n, str)), log.scenario, len(log.vehicles))
+    check_packets_fit((n for n in chosen if isinstance(n, str)), log.setup, len(log.vehicles))
     filter_seed = log.seed if seed is None else seed
     native = native_mission(log)
     sample_ns = sample_times_ns(log)
@@ -104,15 +110,9 @@ def run(
         replay_for(log, native, navigator, shared, filter_seed, sample_ns, CLOUD_EVERY if clouds else 0)
         for navigator in chosen
     ]
-    if threads == 1:
-        for name, replay in zip(names, replays, strict=True):
-            replay.run()
-            if progress:
-                progress(name)
-    else:
-        _native.run_all(replays, threads)
-        for name in names if progress else ():
-            progress(name)  # type: ignore[misc]
+    for k in _replayed(replays, log.duration_ns, threads):
+        if progress:
+            progress(names[k])
     seconds = {name: replay.seconds for name, replay in zip(names, replays, strict=True)}
     records = [replay.tracks() for replay in replays]
     return RunResult(
@@ -123,6 +123,37 @@ def run(
         seconds=seconds,
         sent={name: _sent(native, record) for name, record in zip(names, records, strict=True)},
     )
+
+
+def _replayed(replays: Sequence[_native.Replay], duration_ns: int, threads: int) -> Iterator[int]:
+    """Replay all and give the index of each when it is done.
+
+    Each goes step by step: native code does not hear signals, the interpreter between two steps does.
+    """
+    steps_ns = [duration_ns * k // _STEPS for k in range(1, _STEPS)]
+    stopped = threading.Event()
+
+    def whole(replay: _native.Replay) -> None:
+        for until_ns in steps_ns:
+            if stopped.is_set():
+                return
+            replay.run(until_ns)
+        replay.run()
+
+    if threads == 1 or len(replays) == 1:
+        for k, replay in enumerate(replays):
+            whole(replay)
+            yield k
+        return
+    with ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+        futures = {pool.submit(whole, replay): k for k, replay in enumerate(replays)}
+        try:
+            for future in as_completed(futures):
+                future.result()
+                yield futures[future]
+        finally:
+            stopped.set()
+            pool.shutdown(cancel_futures=True)
 
 
 def native_mission(log: MissionLog) -> _native.Mission:
@@ -142,7 +173,17 @@ def native_mission(log: MissionLog) -> _native.Mission:
 
 
 def sample_times_ns(log: MissionLog) -> NDArray[np.int64]:
-    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival."""
+    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival.
+
+    Raises:
+        LogError: a duration whose record does not fit into this machine's memory.
+    """
+    least_bytes = log.duration_ns // 1_000_000_000 * len(log.vehicles) * _RECORD_BYTES
+    if least_bytes > (memory_bytes := os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")):
+        raise LogError(
+            f"mission {log.name!r} lasts {log.duration_ns / 1e9:g} s: its record at 1 Hz takes at least "
+            f"{least_bytes / 1e9:.0f} GB, this machine has {memory_bytes / 1e9:.0f} GB"
+        )
     grid = np.arange(0, log.duration_ns + 1, 1_000_000_000, dtype=np.int64)
     arrivals = [table["toa_ns"] for table in (log.opportunities, log.receptions) if table]
     times = np.unique(np.concatenate([grid, *arrivals]).astype(np.int64))
@@ -159,25 +200,27 @@ def replay_for(
     cloud_every: int = 0,
 ) -> _native.Replay:
     """A team of one kind of navigator, ready to replay the mission step by step or whole."""
-    ranging = ranging_of(log.scenario)
     contexts = [
-        Context(k, len(log.vehicles), log.link.sound_speed_mps, seed, log.chart, ranging)
+        Context(k, len(log.vehicles), log.link.sound_speed_mps, seed, log.chart, log.setup.fuses_ranges)
         for k in range(len(log.vehicles))
     ]
-    team: Any
-    if isinstance(navigator, Custom):
-        team = [navigator.make(context) for context in contexts]
-    else:
-        options = options_of(navigator, log.scenario)
-        if NAVIGATORS[navigator].central:
-            team = build(navigator, contexts[0], options, chart)
-        else:
-            team = [build(navigator, context, options, chart) for context in contexts]
-    replay = _native.Replay(mission, team, sample_ns, cloud_every)
+    replay = _native.Replay(mission, _estimators(navigator, log, contexts, chart), sample_ns, cloud_every)
     authenticator = authenticator_of(log)
     if authenticator is not None:
         replay.authenticate(authenticator)
     return replay
+
+
+def _estimators(
+    navigator: str | Custom, log: MissionLog, contexts: Sequence[Context], chart: _native.Chart | None
+) -> Sequence[_native.Navigator | PythonNavigator] | _native.CentralEstimator:
+    """One navigator for each vehicle, or the centralised estimator of all."""
+    if isinstance(navigator, Custom):
+        return [navigator.make(context) for context in contexts]
+    options = options_of(navigator, log.setup)
+    if NAVIGATORS[navigator].central:
+        return build_central(navigator, contexts[0], options)
+    return [build(navigator, context, options, chart) for context in contexts]
 
 
 def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, Any]]) -> xr.Dataset:
@@ -185,7 +228,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
     each = ("navigator", "vehicle", "time")
     covariance = np.stack([r["covariance_m2"] for r in records])
     sent, heard = np.zeros(covariance.shape[:3], np.int64), np.zeros(covariance.shape[:3], bool)
-    told = np.full(covariance.shape[:3], np.nan)
+    gained = np.full(covariance.shape[:3], np.nan)
     for k, record in enumerate(records):
         at = np.minimum(np.searchsorted(t_ns, record["sent"]["tol_ns"]), len(t_ns) - 1)
         np.add.at(sent[k], (record["sent"]["sender"], at), record["sent"]["bytes"])
@@ -195,11 +238,14 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         used = packets["accepted"] & (packets["toa_ns"] <= t_ns[-1])
         at_arrival = (k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used]))
         heard[at_arrival] = True
-        told[at_arrival] = packets["information_nat"][used]
+        gained[at_arrival] = packets["information_nat"][used]
     optional: dict[str, Any] = {}
-    if np.isfinite(told).any():
-        nat = {"units": "nat", "long_name": "what the range that arrived now told about the position"}
-        optional["mutual_information"] = (each, told, nat)
+    if np.isfinite(gained).any():
+        nat = {
+            "units": "nat",
+            "long_name": "mutual information of the position and the range that arrived now",
+        }
+        optional["mutual_information"] = (each, gained, nat)
     for bound, values in bounds_of(log, t_ns).items():
         optional[bound] = (("vehicle", "time"), values, {"units": "m", "long_name": BOUNDS[bound]})
     received = np.zeros(covariance.shape[1:3], bool)
@@ -212,7 +258,6 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         return np.stack([r[key] for r in records])
 
     metres = {"units": "m"}
-    settle_s = log.scenario.get("metrics", {}).get("settle_s", SETTLE_S)
     return xr.Dataset(
         {
             "position_m": ((*each, "axis"), stack("mean_m"), metres),
@@ -241,19 +286,19 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "axis": ["east", "north"],
             "axis_b": ["east", "north"],
         },
-        attrs={"mission": log.name, "seed": log.seed, "settle_s": float(settle_s)},
+        attrs={"mission": log.name, "seed": log.seed, "settle_s": log.setup.metrics.settle_s},
     )
 
 
 def _diagnostics(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What navigators said of themselves, a variable each; NaN where one said nothing of the kind."""
+    """The navigators' diagnostics, a variable each; NaN for a navigator without it."""
     shape = records[0]["ess"].shape
-    said = {
+    stated = {
         name: np.stack([r["diagnostics"].get(name, np.full(shape, np.nan)) for r in records])
         for name in sorted({name for r in records for name in r["diagnostics"]})
     }
-    by = {"role": "diagnostic", "long_name": "as the navigator says"}
-    return {name: (("navigator", "vehicle", "time"), values, by) for name, values in said.items()}
+    dims = ("navigator", "vehicle", "time")
+    return {name: (dims, values, attributes_of(name)) for name, values in stated.items()}
 
 
 def _sent(mission: _native.Mission, record: dict[str, Any]) -> dict[str, float]:

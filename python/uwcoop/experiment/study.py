@@ -6,11 +6,14 @@ import hashlib
 import itertools
 import json
 import multiprocessing
+import multiprocessing.connection
 import os
-import signal
+import threading
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib.metadata import version
@@ -19,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from uwcoop import acoustics
 from uwcoop import scenario as scenarios
+from uwcoop.acoustics.authentication import KeyFileWarning, check_key
 from uwcoop.errors import ScenarioError, StudyError, UwcoopError
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.error_series import (
@@ -29,10 +33,14 @@ from uwcoop.evaluation.error_series import (
     write_error_series,
 )
 from uwcoop.evaluation.metrics import summary_text
-from uwcoop.experiment.packet_budget import default_navigators
+from uwcoop.experiment.navigator_choice import default_navigators
 from uwcoop.experiment.run import run
-from uwcoop.experiment.study_store import Row, StudyStore, text_of
+from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore, text_of
 from uwcoop.navigators import Custom, options_of
+from uwcoop.report.atomic_files import check_folder, lock_folder
+from uwcoop.report.interruption import deferred, ignored_in_children
+from uwcoop.scenario.secrets import holds_secret, redact, sets_secret
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world.simulate import open_chart, simulate
 
 if TYPE_CHECKING:
@@ -46,16 +54,12 @@ if TYPE_CHECKING:
 __all__ = ["StudyResult", "study"]
 
 
-_NOT_OF_THE_WORLD = ("navigator", "navigators", "metrics")
-"""Tables of a scenario in which variants may differ and still fly the same mission."""
-
-
 @dataclass(frozen=True)
 class StudyResult:
     """What a study gives."""
 
     rows: list[Row]
-    """One for each variant, run, navigator and vehicle: the varied keys, then `metrics.ROW_COLUMNS`."""
+    """One for each variant, run, navigator and vehicle: the varied keys, then `metrics.row_columns`."""
     summary: dict[str, Any]
     """What `summary.json` holds."""
     settle_s: float
@@ -120,49 +124,100 @@ def study(
     """
     if runs < 1 or first_seed < 0:
         raise ScenarioError(f"runs is {runs} and first_seed {first_seed}: must be at least 1 and 0")
+    _refuse_secrets(overrides, vary or {})
     variants = list(_variants(scenario, overrides, vary or {}))
     chosen = _fit_everywhere(variants) if navigators is None else list(navigators)
     for variant in variants:
         acoustics.schedule(variant.scenario.acoustics, [v.name for v in variant.scenario.team], 0.0)
-    ledger = StudyStore(
-        None if out is None else Path(out),
-        list(vary or {}),
-        {
-            "uwcoop": version("uwcoop"),
-            "scenario": variants[0].scenario.name,
-            "navigators": [_name(n) for n in chosen],
-        },
-        {variant.texts: _digest(variant.scenario, chosen) for variant in variants},
-        resume=resume,
-    )
-    pending = _pending(ledger, variants, chosen, range(first_seed, first_seed + runs))
-    done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
-    if progress:
-        progress(done, total)
-    kept = _kept_before(ledger, list(vary or {}), Path(out)) if keep_errors and out is not None else {}
+        check_key(variant.scenario.acoustics.authentication)
+    with _sole_writer(None if out is None else Path(out)) as folder:
+        ledger = StudyStore(
+            folder,
+            list(vary or {}),
+            {
+                "uwcoop": version("uwcoop"),
+                "scenario": variants[0].scenario.name,
+                "navigators": [_name(n) for n in chosen],
+            },
+            {variant.texts: _digest(variant.scenario, chosen) for variant in variants},
+            resume=resume,
+        )
+        seeds = range(first_seed, first_seed + runs)
+        kept = _kept_before(ledger, list(vary or {}), folder) if keep_errors and folder is not None else {}
+        pending = _pending(ledger, variants, chosen, seeds)
+        done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
+        if progress:
+            progress(done, total)
+        try:
+            for seed, flown in _flights(pending, variants, chosen, processes, keep_errors):
+                ledger.add(_labelled(flown, variants, seed, first_seed))
+                kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
+                done += len(flown)
+                if progress:
+                    progress(done, total)
+        finally:
+            if folder is not None:
+                with deferred():  # what was flown is kept, also when a signal ends the study
+                    write_error_series(kept, folder)
+        errors = gather(kept, [variant.label for variant in variants], seeds)
+        return replace(_result(ledger, variants, runs, first_seed), errors=errors)
+
+
+@contextmanager
+def _sole_writer(folder: Path | None) -> Iterator[Path | None]:
+    """The folder, made if need be, while no other study writes to it; it is not left behind empty.
+
+    Raises:
+        StudyError: another process is at it.
+    """
+    if folder is None:
+        yield None
+        return
+    check_folder(folder, STUDY_FILES)
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        for seed, flown in _flights(pending, variants, chosen, processes, keep_errors):
-            ledger.add([
-                {**dict(zip(variants[k].settings, variants[k].texts, strict=True)), **row,
-                 "run": seed - first_seed}
-                for k, rows, _ in flown
-                for row in rows
-            ])  # fmt: skip
-            kept |= {(variants[k].label, seed): trace for k, _, trace in flown if trace is not None}
-            done += len(flown)
-            if progress:
-                progress(done, total)
+        with lock_folder(folder):
+            yield folder
+    except BlockingIOError:
+        raise StudyError(
+            f"{folder} is being written by another study: wait, or take another folder"
+        ) from None
     finally:
-        if out is not None:
-            write_error_series(kept, Path(out))
-    seeds = range(first_seed, first_seed + runs)
-    errors = gather(kept, [variant.label for variant in variants], seeds)
-    return replace(_result(ledger, variants, runs, first_seed), errors=errors)
+        with suppress(OSError):
+            folder.rmdir()
+
+
+def _labelled(flown: _Flown, variants: Sequence[_Variant], seed: int, first_seed: int) -> list[Row]:
+    """A seed's rows with the values of the varied keys and the run's number."""
+    return [
+        {
+            **dict(zip(variants[k].settings, variants[k].texts, strict=True)),
+            **row,
+            "run": seed - first_seed,
+        }
+        for k, rows, _ in flown
+        for row in rows
+    ]
+
+
+def _refuse_secrets(overrides: Sequence[str], vary: Mapping[str, Sequence[Any]]) -> None:
+    """A study keeps what is varied in its files; a key has a place of its own.
+
+    Raises:
+        StudyError: a secret among the settings; the line does not repeat it.
+    """
+    varied = [key for key, values in vary.items() for value in values if holds_secret(key, value)]
+    varied += [text.partition("=")[0].strip() for text in overrides if sets_secret(text)]
+    if varied:
+        raise StudyError(
+            f"{redact(varied[0])} sets a secret, which a study would keep: name its place instead, "
+            "acoustics.authentication.key_env or key_file"
+        )
 
 
 def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
     """The packaged navigators that take part in every variant."""
-    fits = [default_navigators(v.scenario.resolved(), len(v.scenario.team)) for v in variants]
+    fits = [default_navigators(MissionSetup.of(v.scenario), len(v.scenario.team)) for v in variants]
     return [name for name in fits[0] if all(name in f for f in fits)]
 
 
@@ -186,15 +241,15 @@ def _name(navigator: str | Custom) -> str:
 
 def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
     """SHA-256 of what a variant's rows depend on: scenario, the navigators' options, files that are read."""
-    resolved = scenario.resolved()
-    options = {n: options_of(n, resolved).model_dump() for n in navigators if isinstance(n, str)}
+    setup = MissionSetup.of(scenario)
+    options = {n: options_of(n, setup).model_dump() for n in navigators if isinstance(n, str)}
     chart = scenario.chart
     paths = [chart.source] if chart is not None and chart.synthetic is None else []
     paths += [vehicle.track.file for vehicle in scenario.team if vehicle.track is not None]
     # A file that is missing is refused, with a better message, by who reads it.
     files = [hashlib.sha256(Path(p).read_bytes()).hexdigest() for p in paths if Path(p).is_file()]
-    said = json.dumps([resolved, options, files], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()
+    content = json.dumps([setup.tables(), options, files], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _pending(
@@ -221,7 +276,7 @@ def _label(keys: Iterable[str], texts: Iterable[str]) -> str:
 def _kept_before(ledger: StudyStore, keys: Sequence[str], folder: Path) -> ErrorSeries:
     """Errors over time in the folder, of missions whose rows it holds too."""
     flown = {(_label(keys, texts), seed) for texts, seed in ledger.missions()}
-    return {mission: trace for mission, trace in read_error_series(folder).items() if mission in flown}
+    return {mission: series for mission, series in read_error_series(folder).items() if mission in flown}
 
 
 _Flown = list[tuple[int, list[Row], "xr.Dataset | None"]]
@@ -248,12 +303,13 @@ def _flights(
         return
     ours = set(multiprocessing.active_children())
     executor = ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), initializer=_leave_interrupts
+        workers, multiprocessing.get_context("spawn"), initializer=_end_with_parent
     )
     try:
-        futures: dict[Future[_Flown], int] = {
-            executor.submit(fly, seed, job, navigators): seed for seed, job in jobs.items()
-        }
+        with ignored_in_children():
+            futures: dict[Future[_Flown], int] = {
+                executor.submit(fly, seed, job, navigators): seed for seed, job in jobs.items()
+            }
         for future in as_completed(futures):
             try:
                 yield futures[future], future.result()
@@ -277,9 +333,18 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _leave_interrupts() -> None:
-    # Ctrl-C reaches every process of the terminal; the one that writes the rows decides what happens.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _end_with_parent() -> None:
+    """A worker whose parent is killed would wait for work for ever."""
+    warnings.simplefilter("ignore", KeyFileWarning)  # said once, by the parent
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def watch() -> None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _with_seed(error: UwcoopError, seed: int) -> UwcoopError:
@@ -297,11 +362,10 @@ def _fly(
     logs: dict[str, MissionLog] = {}
     flown: _Flown = []
     for k, scenario in job:
-        resolved = scenario.resolved()
-        world = json.dumps({key: resolved[key] for key in resolved if key not in _NOT_OF_THE_WORLD})
+        world = scenario.world_text()
         if world not in logs:
             logs[world] = simulate(scenario, seed, None if scenario.chart is None else _chart(scenario.chart))
-        log = replace(logs[world], scenario=resolved)
+        log = replace(logs[world], setup=MissionSetup.of(scenario))
         result = run(log, navigators, clouds=False)
         rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
         flown.append((k, rows, error_series_of(result.tracks) if keep_errors else None))

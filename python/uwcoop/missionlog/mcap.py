@@ -19,7 +19,7 @@ as log time and as header stamp. World frame `map`: local ENU metres, z up (REP 
 | `/{V}/role_taken` | uwcoop_msgs/RoleTaken | landmark or not |
 | `/acoustics/slot` | uwcoop_msgs/AcousticSlot | sender, capacity; stamped TOL |
 | `/acoustics/opportunity` | uwcoop_msgs/AcousticOpportunity | who, TOA, survival, draws; stamped TOL |
-| `/acoustics/poll` | uwcoop_msgs/AcousticPoll | who asks whom, bytes, air time, whether heard; stamped launch |
+| `/acoustics/poll` | uwcoop_msgs/AcousticPoll | poller and sender, bytes, air time, whether heard; stamped launch |
 | `/acoustics/reception` | uwcoop_msgs/AcousticReception | who, TOL, TOA, payload; stamped decode end |
 | `/truth/{V}/odometry` | nav_msgs/Odometry | true position, z = −depth |
 | `/truth/{V}/yaw` | uwcoop_msgs/Heading | true yaw, to the last bit |
@@ -48,19 +48,22 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 from dataclasses import asdict
 from heapq import merge
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from uwcoop.errors import ChartError, LogError
+from uwcoop.acoustics.link import Link
+from uwcoop.errors import ChartError, LogError, ScenarioError
 from uwcoop.frames import Origin
+from uwcoop.importers.bounded import refuse_irregular, refused
 from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
 from uwcoop.missionlog.messages import definition, typestore
-from uwcoop.missionlog.model import Link, MissionLog
+from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.validate import validate
+from uwcoop.report.atomic_files import atomic_write
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -87,17 +90,11 @@ def write_log(log: MissionLog, path: str | os.PathLike[str]) -> None:
     streams = [*topics.encode(log), *acoustic_topics.encode_acoustics(log)]
     streams += [*copies.encode_copies(log), *truth.encode_truth(log)]
     metadata = _metadata(log)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
-        with temporary.open("xb") as file:
+        with atomic_write(target) as partial, partial.open("xb") as file:
             _write(file, streams, metadata, log.chart)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
     except OSError as error:
         raise LogError(f"log {target} cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def load_log(path: str | os.PathLike[str], chart: Chart | None = None) -> MissionLog:
@@ -111,15 +108,15 @@ def load_log(path: str | os.PathLike[str], chart: Chart | None = None) -> Missio
             belongs to another chart. One line that names the file.
     """
     source = Path(path)
-    try:
+    with refused(LogError, f"log {source}"):
+        refuse_irregular(source)
+        # As long as it is: what a log holds in memory is bounded by what it is on disk (`container`).
         content = source.read_bytes()
-    except OSError as error:
-        raise LogError(f"log {source} cannot be read: {error.strerror or error}") from error
-    try:
-        log = _assemble(container.parse(content), chart)
-        validate(log)
-    except LogError as error:
-        raise LogError(f"log {source}: {error}") from error
+        try:
+            log = _assemble(container.parse(content), chart)
+            validate(log)
+        except LogError as error:
+            raise LogError(f"log {source}: {error}") from error
     return log
 
 
@@ -178,7 +175,7 @@ def _metadata(log: MissionLog) -> dict[str, str]:
         "namespaces": topics.namespaces(log.vehicles),
         "link": asdict(log.link),
         "origin": asdict(log.origin),
-        "scenario": log.scenario,
+        "scenario": log.setup.tables(),
         "rows": rows,
         "draws": draws,
         "truth": truth.describe(log),
@@ -187,7 +184,7 @@ def _metadata(log: MissionLog) -> dict[str, str]:
     try:
         return {key: json.dumps(value) for key, value in values.items()}
     except (TypeError, ValueError) as error:
-        raise LogError(f"scenario or attributes cannot be written as JSON: {error}") from error
+        raise LogError(f"attributes cannot be written as JSON: {error}") from error
 
 
 def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
@@ -201,7 +198,7 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
             duration_ns=about["duration_ns"],
             link=Link(**about["link"]),
             origin=Origin(**about["origin"]),
-            scenario=about["scenario"],
+            setup=MissionSetup.parse(about["scenario"]),
         )
         _check_types(file, names)
         if "slots" in rows:
@@ -218,9 +215,11 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
         if about["truth"] is not None:
             log.truth = truth.decode_truth(file.messages, names, about["truth"])
         log.chart = _chart(file, about["chart"], chart)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, LogError):
-            raise
+    except LogError:
+        raise
+    except ScenarioError as error:
+        raise LogError(str(error)) from error
+    except Exception as error:  # values of other kinds than ours, deep inside
         raise LogError(f"metadata is not what this version writes: {_what(error)}") from error
     return log
 
@@ -235,7 +234,7 @@ def _about(file: container.Contents) -> dict[str, Any]:
         )
     try:
         about = {key: json.loads(value) for key, value in record.items()}
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise LogError(f"metadata is not JSON: {error}") from error
     if about.get("format") != _FORMAT:
         raise LogError(f"format {about.get('format')!r} is unknown: this version reads {_FORMAT!r}")

@@ -14,12 +14,15 @@ from typing import Any
 from pydantic import ValidationError
 
 from uwcoop.errors import ScenarioError
+from uwcoop.importers.bounded import read_text, refused
 from uwcoop.scenario.base import nearest
 from uwcoop.scenario.chart import SYNTHETIC, ChartSpec
 from uwcoop.scenario.models import Scenario
+from uwcoop.scenario.secrets import redact
 from uwcoop.scenario.validation_message import one_line
 
 _PACKAGE = files("uwcoop.scenario") / "packaged_scenarios"
+_SCENARIO_LIMIT_BYTES = 4 * 2**20  # tomllib takes up to 100 bytes of memory for each byte of nested brackets
 _BARE_WORD = re.compile(r"[A-Za-z][\w:./-]*")
 
 
@@ -104,6 +107,26 @@ def apply_settings(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dic
     return changed
 
 
+def split_overrides(overrides: Iterable[str], table: str) -> tuple[list[str], list[str]]:
+    """The overrides of one top-level table, and the others, both in their order."""
+    own: list[str] = []
+    others: list[str] = []
+    for override in overrides:
+        first, dot, _ = override.partition("=")[0].partition(".")
+        (own if dot and first.strip() == table else others).append(override)
+    return own, others
+
+
+def table_of(overrides: Iterable[str], table: str) -> dict[str, Any]:
+    """One top-level table with the keys that overrides set, and no others.
+
+    Raises:
+        ScenarioError: an override that is malformed.
+    """
+    found: dict[str, Any] = apply_overrides({table: {}}, overrides)[table]
+    return found
+
+
 def chart_spec(table: Mapping[str, Any], overrides: Iterable[str] = ()) -> ChartSpec:
     """A `[chart]` table alone, with overrides "chart.key=value".
 
@@ -126,15 +149,15 @@ def alternatives(override: str) -> tuple[str, list[Any]]:
     dotted, text = _halves(override)
     try:
         parsed = tomllib.loads(f"value = [{text}]")
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = {}
     if parsed.keys() == {"value"}:
         values = list(parsed["value"])
     else:
         values = [_value(part.strip(), override) for part in text.split(",")]
-    said = [json.dumps(value, default=str) for value in values]
-    if not values or len(set(said)) < len(said):
-        raise ScenarioError(f"{override!r}: needs one value or more, no two the same")
+    texts = [json.dumps(value, default=str) for value in values]
+    if not values or len(set(texts)) < len(texts):
+        raise ScenarioError(f"{redact(override)!r}: needs one value or more, no two the same")
     return dotted, values
 
 
@@ -142,20 +165,22 @@ def _halves(override: str) -> tuple[str, str]:
     dotted, equals, text = override.partition("=")
     keys = [key.strip() for key in dotted.split(".")]
     if not equals or not all(keys):
-        raise ScenarioError(f"override {override!r} is not of the form dotted.key=value")
+        raise ScenarioError(f"override {redact(override)!r} is not of the form dotted.key=value")
     return ".".join(keys), text.strip()
 
 
 def _value(text: str, override: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = {}
     if parsed.keys() == {"value"}:
         return parsed["value"]
     if _BARE_WORD.fullmatch(text):
         return text
-    raise ScenarioError(f'override {override!r}: {text!r} is no TOML value (a text needs quotes: "...")')
+    raise ScenarioError(
+        f'override {redact(override)!r}: {redact(text)!r} is no TOML value (a text needs quotes: "...")'
+    )
 
 
 def _set(table: dict[str, Any], keys: list[str], value: Any, override: str) -> None:
@@ -170,7 +195,9 @@ def _set(table: dict[str, Any], keys: list[str], value: Any, override: str) -> N
             index = _entry(at, key, ".".join(keys[:depth]), override)
         else:
             above = ".".join(keys[:depth])
-            raise ScenarioError(f"override {override!r}: '{above}' is {at!r}, not a table")
+            raise ScenarioError(
+                f"override {redact(override)!r}: '{above}' is {redact(repr(at))}, not a table"
+            )
         if last:
             at[index] = value
         else:
@@ -185,7 +212,7 @@ def _entry(entries: list[Any], key: str, above: str, override: str) -> int:
         return names.index(key)
     known = ", ".join(str(name) for name in names if name is not None)
     raise ScenarioError(
-        f"override {override!r}: '{above}' has no entry {key!r}: "
+        f"override {redact(override)!r}: '{above}' has no entry {key!r}: "
         f"0 to {len(entries) - 1}{' or ' + known if known else ''}"
     )
 
@@ -201,12 +228,9 @@ def _packaged_table(name: str) -> dict[str, Any]:
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
+    with refused(ScenarioError, f"scenario {path}"):
+        text = read_text(path, _SCENARIO_LIMIT_BYTES)
         table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise ScenarioError(f"scenario {path} cannot be read: {reason}") from error
     if not isinstance(table, dict):
         raise ScenarioError(f"scenario {path} cannot be read: it is not a table")
     return table

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from uwcoop.scenario.secrets import redact
+
 if TYPE_CHECKING:
     from pydantic import ValidationError
     from pydantic_core import ErrorDetails
@@ -39,7 +41,8 @@ def one_line(error: ValidationError, data: Any, where: str) -> str:
     """
     details = error.errors(include_url=False)
     rest = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-    return f"{where}: {_sentence(details[0], data)}{rest}"
+    # A key may hold anything that a text can, line ends included.
+    return " ".join(f"{where}: {_sentence(details[0], data)}{rest}".split())
 
 
 def _sentence(detail: ErrorDetails, data: Any) -> str:
@@ -97,5 +100,5 @@ def _dotted(location: tuple[int | str, ...], data: Any, *, last_is_key: bool) ->
 
 def _shown(value: Any) -> str:
     text = f"{value:g}" if isinstance(value, float) else repr(value)
-    text = " ".join(text.split())
+    text = redact(" ".join(text.split()))
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -15,6 +15,7 @@ from uwcoop.errors import ChartError, ScenarioError
 from uwcoop.frames import LocalFrame, Origin
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world import sensors
 from uwcoop.world.random_streams import TEAM, Purpose, stream
 from uwcoop.world.vehicles import team_motion
@@ -74,7 +75,7 @@ def simulate(
         polls=acoustics.polls(scenario.acoustics, flown.slots, flown.motion, seed, names),
         chart=chart,
         origin=_origin(scenario) if chart is None else chart.origin,
-        scenario=scenario.resolved(),
+        setup=MissionSetup.of(scenario),
         truth=_truth(names, flown.motion),
         team_key=scenario.acoustics.authentication.key,
     )
@@ -82,7 +83,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Flown:
-    """A mission's course: where everyone was, and when who could talk to whom."""
+    """A mission's course: every vehicle's motion, the slots, and which signals could arrive."""
 
     motion: Sequence[Motion]
     slots: Columns
@@ -167,13 +168,14 @@ def open_chart(spec: ChartSpec) -> Chart:
     return open_source(spec.source, **spec.options())
 
 
-def open_source(source: str, **options: Any) -> Chart:
-    """The chart of a source as scenarios write it: "synthetic:NAME", or a path with `load_chart`'s options.
+def open_source(source: str | Sequence[str], **options: Any) -> Chart:
+    """The chart of a source as scenarios write it: "synthetic:NAME", or a path, or several of soundings, with
+    `load_chart`'s options.
 
     Raises:
         ChartError: an unknown synthetic chart, or a file that cannot be read as a chart.
     """
-    if source.startswith(SYNTHETIC):
+    if isinstance(source, str) and source.startswith(SYNTHETIC):
         if of_files := sorted(options.keys() - {"seed", "relief"}):
             raise ChartError(f"{of_files[0]} is for chart files: {source} is made, not read")
         return _synthetic(source.removeprefix(SYNTHETIC), tuple(options.items()))

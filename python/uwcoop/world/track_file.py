@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import gzip
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,6 +13,7 @@ import numpy as np
 
 from uwcoop.errors import ChartError, ScenarioError
 from uwcoop.frames import LocalFrame, crs_of
+from uwcoop.importers.bounded import refused, text_lines
 from uwcoop.scenario.base import nearest
 from uwcoop.scenario.vehicle import Track
 
@@ -81,12 +81,8 @@ def _read_once(track_json: str, changed_ns: int, where: str) -> _Rows:
 
 def _read(track: Track, where: str) -> _Rows:
     """The rows that the track selects; of rows with the same time the first."""
-    path = Path(track.file)
-    try:
-        with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
-            lines, values = _columns(csv.DictReader(file, skipinitialspace=True), track, where)
-    except (OSError, EOFError, UnicodeDecodeError, csv.Error) as error:
-        raise ScenarioError(f"{where} cannot be read: {' '.join(str(error).split())}") from error
+    with refused(ScenarioError, where):
+        lines, values = _columns(csv.DictReader(text_lines(track.file), skipinitialspace=True), track, where)
     if len(lines) < 2:
         rows = "1 row" if lines else "no row"
         selected = f" where {track.where}" if track.where else ""

@@ -8,7 +8,7 @@ use super::snapshot::{load, save};
 use super::{Estimate, Navigator, Outcome, Particles, Profile};
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
-use crate::link::{Authenticator, ReplayGuard};
+use crate::link::{Authenticator, FailedTags, ReplayGuard};
 use crate::packet::{CRC_BYTES, append_crc, check_crc, layout};
 
 /// A navigator whose packets carry tags.
@@ -21,7 +21,8 @@ use crate::packet::{CRC_BYTES, append_crc, check_crc, layout};
 ///
 /// The tag takes the place of the checksum that packets end in: a navigator that fills what it is given fills the slot.
 ///
-/// A forged, altered or replayed packet changes nothing but the count in [`Estimate::rejected`]. A snapshot holds the
+/// A forged, altered or replayed packet changes nothing but the count in [`Estimate::rejected`], and after
+/// [`FailedTags::MOST`] forgeries in a slot nothing more is heard in it. A snapshot holds the
 /// counters and the navigator's own snapshot, never the key.
 #[derive(Debug)]
 pub struct Authenticated<N> {
@@ -34,6 +35,7 @@ pub struct Authenticated<N> {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct AuthenticatedState {
     guard: ReplayGuard,
+    failed: FailedTags,
     rejected: u64,
 }
 
@@ -44,7 +46,11 @@ impl<N: Navigator> Authenticated<N> {
             inner,
             own,
             authenticator,
-            state: AuthenticatedState { guard: ReplayGuard::new(vehicles), rejected: 0 },
+            state: AuthenticatedState {
+                guard: ReplayGuard::new(vehicles),
+                failed: FailedTags::new(vehicles),
+                rejected: 0,
+            },
         }
     }
 
@@ -59,9 +65,15 @@ impl<N: Navigator> Authenticated<N> {
         self.state.rejected
     }
 
-    /// The packet of an event without its tag, if it is authentic and new.
-    fn untagged(&self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Option<Arc<[u8]>> {
-        let packet = self.authenticator.check_tag(bytes, sender, tol_ns).ok()?;
+    /// The packet of an event without its tag, if it is authentic and new, and its slot saw few forgeries.
+    fn untagged(&mut self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Option<Arc<[u8]>> {
+        if self.state.failed.is_deaf(sender, tol_ns) {
+            return None;
+        }
+        let Ok(packet) = self.authenticator.check_tag(bytes, sender, tol_ns) else {
+            self.state.failed.count(sender, tol_ns);
+            return None;
+        };
         self.state.guard.check(sender, tol_ns).ok()?;
         Some(if self.inner.profile().has_checksum {
             append_crc(packet.to_vec(), sender, tol_ns).into()

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::LINEAR_STATES;
 use super::drift::Drift;
 use super::snapshot::{load, save};
 use super::{Estimate, Kinds, Navigator, Outcome, Profile, Status, check_event, check_sender};
@@ -181,6 +182,18 @@ impl Navigator for DeadReckoning {
             rejected: core.rejected,
             status,
         }
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = Vec::with_capacity(9);
+        for (k, [name, name_of_sigma]) in LINEAR_STATES.into_iter().enumerate() {
+            let variance = self.core.covariance[(2 + k, 2 + k)];
+            let known = self.core.started;
+            said.push((name, if known { self.core.mean[2 + k] } else { f64::NAN }));
+            said.push((name_of_sigma, if known { variance.max(0.0).sqrt() } else { f64::NAN }));
+        }
+        said.push(("gated_fixes", self.core.rejected as f64));
+        said
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {

@@ -234,33 +234,43 @@ impl Scratch {
     }
 }
 
+impl Dmpf {
+    /// What one event does once the clock has been advanced to it.
+    fn fuse_event(&mut self, event: &Event) -> Outcome {
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.state.core.velocity_mps = *velocity_mps;
+                Outcome::Fused
+            }
+            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
+                self.state.radio.set_depth(*depth_m);
+                Outcome::Fused
+            }
+            Payload::Fix { position_m, covariance_m2 } => {
+                let outcome = self.state.core.fix(*position_m, *covariance_m2);
+                self.resample();
+                outcome
+            }
+            Payload::WaterDepth { water_depth_m, .. } if self.options.terrain => {
+                self.sounding(*water_depth_m)
+            }
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                self.reception(*sender, *tol_ns, *toa_ns, bytes)
+            }
+            _ => Outcome::Noted,
+        }
+    }
+}
+
 impl Navigator for Dmpf {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.state.core.now_ns())?;
         self.state.radio.check_sender(&event.payload)?;
         self.state.core.advance(event.t_ns);
-        match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.state.core.velocity_mps = *velocity_mps;
-                Ok(Outcome::Fused)
-            }
-            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
-                self.state.radio.set_depth(*depth_m);
-                Ok(Outcome::Fused)
-            }
-            Payload::Fix { position_m, covariance_m2 } => {
-                let outcome = self.state.core.fix(*position_m, *covariance_m2);
-                self.resample();
-                Ok(outcome)
-            }
-            Payload::WaterDepth { water_depth_m, .. } if self.options.terrain => {
-                Ok(self.sounding(*water_depth_m))
-            }
-            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
-            }
-            _ => Ok(Outcome::Noted),
-        }
+        let rejected_before = self.state.core.rejected;
+        let outcome = self.fuse_event(event);
+        self.state.core.count_gated(&event.payload, outcome, rejected_before);
+        Ok(outcome)
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
@@ -303,6 +313,10 @@ impl Navigator for Dmpf {
 
     fn particles(&self) -> Option<Particles> {
         self.state.core.particles()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        self.state.core.diagnostics()
     }
 
     fn information_nat(&self) -> f64 {

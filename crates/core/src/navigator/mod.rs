@@ -2,18 +2,22 @@
 
 pub mod authenticated;
 pub mod dead_reckoning;
+pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
 pub mod landmark;
 pub mod mpf;
 pub mod origin;
+pub mod packaged;
 pub mod particle_core;
 pub mod profile;
 pub mod radio;
 pub mod range;
 pub mod range_novelty;
+pub mod settings;
 pub mod snapshot;
 pub mod team;
+pub mod terrain_core;
 pub mod trajectory;
 
 use std::sync::Arc;

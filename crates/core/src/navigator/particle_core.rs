@@ -1,8 +1,9 @@
-//! The marginalised particle core of `dmpf` and `mpf`: particles for the position, a Gaussian for the drift.
+//! The marginalised particle core of `dmpf`, `mpf` and `team`: particles for the position, a Gaussian for the drift.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::GatedCounts;
 use super::drift::Drift;
 use super::range_novelty::Growth;
 use super::trajectory::Trajectory;
@@ -31,6 +32,8 @@ pub struct ParticleCore<const K: usize> {
     pub rejected: u64,
     /// What the last fused range told, nat; NaN where not asked for.
     pub information_nat: f64,
+    /// The same by kind of event.
+    pub gated: GatedCounts,
     /// How often fixes that insisted scattered the cloud anew.
     pub restarts: u32,
     drift: Drift,
@@ -69,6 +72,7 @@ impl<const K: usize> ParticleCore<K> {
             trajectory: None,
             status: Status::NotStarted,
             rejected: 0,
+            gated: GatedCounts::default(),
             information_nat: f64::NAN,
             restarts: 0,
             drift,

@@ -98,7 +98,7 @@ fn terrain(chart: &Arc<Chart>) -> Vec<Entry> {
         dmpf_entry("ranging-only", |o| o.terrain = false),
         mpf_entry("mpf", |_| ()),
         mpf_entry("mpf-terrain-only", |o| o.range = None),
-        mpf_entry("mpf, news of ranges", |o| o.range_news = true),
+        mpf_entry("mpf, news of ranges", |o| o.range_novelty = true),
         entry("mpf with biases", 1, move |own| mpf::<4>(own, TEAM, mpf_options(60), &four, 5)),
         team_entry("team", |_| ()),
         team_entry("team, one current", |o| o.current_difference = 0.3),

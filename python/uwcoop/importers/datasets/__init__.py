@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
 from uwcoop.errors import LogError, ScenarioError
+from uwcoop.importers.bounded import refused
 from uwcoop.importers.datasets.plaza import read_plaza
 from uwcoop.importers.datasets.pyfg import heard_on_the_way, read_pyfg
 from uwcoop.importers.datasets.recording import Options, PlazaOptions, PyfgOptions, mission_of
-from uwcoop.scenario.loading import apply_overrides
+from uwcoop.missionlog.validate import validate
+from uwcoop.scenario.loading import table_of
 from uwcoop.scenario.validation_message import one_line
 
 if TYPE_CHECKING:
@@ -42,15 +44,18 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
         MissingDependencyError: `.mat` without scipy.
     """
     path = Path(path)
-    table: dict[str, Any] = apply_overrides({"recording": {}}, overrides)
+    table = table_of(overrides, "recording")
     model, read = (PyfgOptions, read_pyfg) if path.suffix == ".pyfg" else (PlazaOptions, read_plaza)
     try:
-        options: Options = model.model_validate(table["recording"])
+        options: Options = model.model_validate(table)
     except ValidationError as error:
-        raise ScenarioError(one_line(error, table["recording"], "recording")) from None
+        raise ScenarioError(one_line(error, table, "recording")) from None
     if not path.is_file():
         raise LogError(f"recording {path} cannot be read: there is no such file")
-    found = read(path)
-    if isinstance(options, PyfgOptions) and options.range_delay_edges > 0:
-        found = heard_on_the_way(found, options.range_delay_edges)
-    return mission_of(found, options)
+    with refused(LogError, f"recording {path}"):
+        found = read(path)
+        if isinstance(options, PyfgOptions) and options.range_delay_edges > 0:
+            found = heard_on_the_way(found, options.range_delay_edges)
+        log = mission_of(found, options)
+        validate(log)
+    return log

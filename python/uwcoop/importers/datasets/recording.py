@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from uwcoop.acoustics.link import Link
 from uwcoop.acoustics.modem import MODEMS, NO_LIMIT_BYTES
 from uwcoop.errors import LogError
 from uwcoop.missionlog.model import (
     OPPORTUNITY_COLUMNS,
     SLOT_COLUMNS,
     Columns,
-    Link,
     MissionLog,
     columns,
     event_columns,
 )
 from uwcoop.scenario.base import NonNegative, Positive, Table, nearest
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 SPEED_MPS = 1500.0
 """A range becomes a travel time at this speed, whatever it was measured with; it ends when the range was measured."""
+LONGEST_S, FARTHEST_M = 7 * 86_400.0, 100_000.0
+"""Times, since the start, and ranges beyond these are damage."""
 NAVIGATORS = ("local-only", "cekf", "mdeif", "nekf", "interleaved", "covariance-intersection")
 
 
@@ -104,7 +107,7 @@ class Recording:
     truth: Floats
     """(T, 3) east, north, yaw."""
     odometry_share: Floats | None = None
-    """(N,) of a displacement told in parts, the share of this one: variances go with it. None: all are whole."""
+    """(N,) share of an edge that each displacement is; its variance is the same share. None: each is a whole edge."""
 
 
 def mission_of(found: Recording, options: Options) -> MissionLog:
@@ -124,6 +127,13 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
         raise LogError(f"recording {found.name} has no ranges, or no odometry, to replay")
     vehicles = (found.vehicle, *beacons)
     sender = np.array([vehicles.index(b) for b, use in zip(found.range_beacon, used, strict=True) if use])
+    longest_s = max(float(np.abs(a).max()) for a in (found.odometry_s, found.range_s[used], found.truth_s))
+    farthest_m = float(found.range_m[used].max())
+    if not (longest_s <= LONGEST_S and farthest_m <= FARTHEST_M):
+        raise LogError(
+            f"recording {found.name} has times to {longest_s:g} s and ranges to {farthest_m:g} m: "
+            f"must be at most {LONGEST_S:g} s and {FARTHEST_M:g} m"
+        )
     slots, opportunities = _signals(found.range_s[used], sender, found.range_m[used])
     end_s = float(np.ceil(max(found.odometry_s[-1], opportunities["toa_ns"].max() / 1e9, found.truth_s[-1])))
     modem = MODEMS["unlimited"]
@@ -136,16 +146,18 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
         events=_events(found, options, beacons),
         slots=slots,
         opportunities=opportunities,
-        scenario={
-            "name": found.name,
-            "recording": options.model_dump(mode="json"),
-            "metrics": {"settle_s": 0.0},
-            "navigators": list(NAVIGATORS),
-            "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
-            "navigator": {
-                "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
-            },
-        },
+        setup=MissionSetup.parse(
+            {
+                "name": found.name,
+                "recording": options.model_dump(mode="json"),
+                "metrics": {"settle_s": 0.0},
+                "navigators": list(NAVIGATORS),
+                "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
+                "navigator": {
+                    "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
+                },
+            }
+        ),
         truth=_truth(found, beacons),
     )
 
@@ -231,7 +243,8 @@ def _truth(found: Recording, beacons: list[str]) -> xr.Dataset:
     }
     coordinates = {
         "vehicle": [found.vehicle, *beacons],
-        "time": ("time", found.truth_s, {"units": "s"}),
+        # Whole nanoseconds, as a log on disk holds them.
+        "time": ("time", np.round(found.truth_s * 1e9) / 1e9, {"units": "s"}),
         "axis": ["east", "north"],
     }
     return xr.Dataset(data, coords=coordinates)

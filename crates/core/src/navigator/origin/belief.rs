@@ -23,6 +23,7 @@ use crate::packet::{Belief, PacketKind};
 
 /// What is assumed of a teammate's belief and one's own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Correlation {
     /// None.
     Ignored,

@@ -4,7 +4,7 @@
 //! particle of the receiver holds a Gaussian over its teammates' states, conditioned on that particle's own track
 //! ([`group`]); a packet runs over it in the order of time ([`packet_updates`]). Each datum is used once by each receiver, so
 //! nothing is counted twice, and a lost packet costs what was in it. The own core is that of
-//! [`mpf`](super::mpf): a vehicle that hears nobody is `mpf` without ranges, bit for bit.
+//! [`mpf`](super::mpf), the [terrain core](super::terrain_core): a vehicle that hears nobody is `mpf` without ranges, bit for bit.
 
 mod group;
 mod options;
@@ -22,9 +22,11 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::teammates;
 use super::drift::Drift;
-use super::mpf::{Mpf, MpfOptions, MpfState};
+use super::radio::Radio;
 use super::snapshot::{load, save};
+use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, positive};
@@ -54,7 +56,9 @@ pub struct Teammate {
 
 /// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) own linear states.
 pub struct Team<const K: usize> {
-    mpf: Mpf<K>,
+    own: VehicleId,
+    terrain: TerrainCore<K>,
+    radio: Radio,
     options: TeamOptions,
     layout: TeamLayout,
     filled: Option<Vec<Paired>>,
@@ -114,23 +118,24 @@ impl<const K: usize> Team<K> {
         let overhead = if options.tag_bytes > 0 { options.tag_bytes } else { CRC_BYTES };
         let layout = TeamLayout::new(vehicles, options.frame_bytes.saturating_sub(overhead))?;
         let filled = chart.as_deref().and_then(|c| c.nodes_with_holes_filled(options.fill_reach_m));
-        let core = MpfOptions {
-            range: None,
-            drift: options.drifts.get(usize::from(own)).copied().unwrap_or(options.core.drift),
-            ..options.core
+        let terrain = TerrainOptions {
+            drift: options.drifts.get(usize::from(own)).copied().unwrap_or(options.terrain.drift),
+            ..options.terrain
         };
         let groups = vehicles.saturating_sub(1).div_ceil(options.group_size);
         Ok(Self {
             state: TeamState {
                 outgoing: OutgoingData::new(vehicles),
                 mates: vec![None; vehicles],
-                groups: (0..groups).map(|_| Group::new(options.core.particles)).collect(),
+                groups: (0..groups).map(|_| Group::new(options.terrain.particles)).collect(),
                 history: PositionHistory::default(),
                 current: (options.current_difference < 1.0)
-                    .then(|| SharedCurrent::new(options.core.particles, vehicles)),
+                    .then(|| SharedCurrent::new(options.terrain.particles, vehicles)),
                 sigma_sounding_m: None,
             },
-            mpf: Mpf::new(own, vehicles, core, chart, sound_speed_mps, seed)?,
+            own,
+            terrain: TerrainCore::new(own, terrain, chart, seed)?,
+            radio: Radio::new(own, vehicles, sound_speed_mps)?,
             layout,
             filled,
             options,
@@ -138,10 +143,10 @@ impl<const K: usize> Team<K> {
         })
     }
 
-    /// How often the health monitor spread the cloud.
+    /// The own core: cloud, datum offset, alarms.
     #[must_use]
-    pub fn alarms(&self) -> u64 {
-        self.mpf.alarms()
+    pub fn terrain(&self) -> &TerrainCore<K> {
+        &self.terrain
     }
 
     /// Mean and covariance [ee, en, nn] of a teammate's position at the launch of its last packet, m and m².
@@ -154,18 +159,18 @@ impl<const K: usize> Team<K> {
     }
 
     fn weights(&self) -> &[f64] {
-        self.mpf.state.core.cloud.weights()
+        self.terrain.state.core.cloud.weights()
     }
 
     /// Which group a teammate belongs to: the others in their order, `group_size` to a group.
     fn group_of(&self, vehicle: VehicleId) -> usize {
-        let place = usize::from(vehicle) - usize::from(vehicle > self.mpf.own);
+        let place = usize::from(vehicle) - usize::from(vehicle > self.own);
         place / self.options.group_size
     }
 
     /// The own particles make a step, and what must know of it is told.
     fn advance(&mut self, t_ns: i64) {
-        let core = &mut self.mpf.state.core;
+        let core = &mut self.terrain.state.core;
         let Some(before_ns) = core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
             core.advance(t_ns);
             return;
@@ -185,12 +190,12 @@ impl<const K: usize> Team<K> {
     }
 
     fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
-        let restarts = self.mpf.state.core.restarts;
-        let outcome = self.mpf.weigh_fix(position_m, covariance_m2);
+        let restarts = self.terrain.state.core.restarts;
+        let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
         if outcome == Outcome::Fused {
             self.state.outgoing.fix(t_ns, position_m, covariance_m2);
         }
-        if self.mpf.state.core.restarts != restarts {
+        if self.terrain.state.core.restarts != restarts {
             self.forget();
             self.state.history.clear();
         }
@@ -201,10 +206,10 @@ impl<const K: usize> Team<K> {
     fn sounding(&mut self, t_ns: i64, water_depth_m: f64, sigma_m: f64) -> Outcome {
         self.state.outgoing.sounding(t_ns, water_depth_m);
         self.state.sigma_sounding_m = Some(sigma_m);
-        let (outcome, health) = self.mpf.weigh_sounding(water_depth_m, sigma_m);
+        let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sigma_m);
         if let Some(statistic) = health {
             self.remember_own();
-            if self.mpf.watch(statistic) {
+            if self.terrain.watch(statistic) {
                 self.move_past();
                 self.forget();
             } else {
@@ -215,7 +220,7 @@ impl<const K: usize> Team<K> {
     }
 
     fn remember_launch(&mut self, tol_ns: i64, sequence: u8) {
-        let core = &self.mpf.state.core;
+        let core = &self.terrain.state.core;
         let (cloud, velocity) = (&core.cloud, core.velocity_mps);
         let ahead_s = core.now_ns().map_or(0.0, |now| seconds(tol_ns.saturating_sub(now)).max(0.0));
         let place = |i: usize| {
@@ -226,41 +231,49 @@ impl<const K: usize> Team<K> {
     }
 }
 
-impl<const K: usize> Navigator for Team<K> {
-    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
-        check_event(event, self.mpf.own, self.mpf.state.core.now_ns())?;
-        self.mpf.state.radio.check_sender(&event.payload)?;
-        self.state.outgoing.advance(event.t_ns, self.mpf.state.core.velocity_mps);
-        self.advance(event.t_ns);
+impl<const K: usize> Team<K> {
+    /// What one event does once the clock has been advanced to it.
+    fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
             Payload::Motion { velocity_mps } => {
-                self.mpf.state.core.velocity_mps = *velocity_mps;
-                Ok(Outcome::Fused)
+                self.terrain.state.core.velocity_mps = *velocity_mps;
+                Outcome::Fused
             }
             Payload::Depth { depth_m, .. } if self.options.use_ranges => {
-                self.mpf.state.radio.set_depth(*depth_m);
-                Ok(Outcome::Fused)
+                self.radio.set_depth(*depth_m);
+                Outcome::Fused
             }
-            Payload::Fix { position_m, covariance_m2 } => {
-                Ok(self.fix(event.t_ns, *position_m, *covariance_m2))
-            }
+            Payload::Fix { position_m, covariance_m2 } => self.fix(event.t_ns, *position_m, *covariance_m2),
             Payload::WaterDepth { water_depth_m, sigma_m } => {
-                Ok(self.sounding(event.t_ns, *water_depth_m, *sigma_m))
+                self.sounding(event.t_ns, *water_depth_m, *sigma_m)
             }
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
+                self.reception(*sender, *tol_ns, *toa_ns, bytes)
             }
-            _ => Ok(Outcome::Noted),
+            _ => Outcome::Noted,
         }
+    }
+}
+
+impl<const K: usize> Navigator for Team<K> {
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_event(event, self.own, self.terrain.state.core.now_ns())?;
+        self.radio.check_sender(&event.payload)?;
+        self.state.outgoing.advance(event.t_ns, self.terrain.state.core.velocity_mps);
+        self.advance(event.t_ns);
+        let rejected_before = self.terrain.state.core.rejected;
+        let outcome = self.fuse_event(event);
+        self.terrain.state.core.count_gated(&event.payload, outcome, rejected_before);
+        Ok(outcome)
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        if !self.options.use_ranges || !self.mpf.state.core.started() {
+        if !self.options.use_ranges || !self.terrain.state.core.started() {
             return Ok(None);
         }
-        let (radio, outgoing) = (&mut self.mpf.state.radio, &mut self.state.outgoing);
+        let (radio, outgoing) = (&mut self.radio, &mut self.state.outgoing);
         let report = &mut self.scratch.report;
-        let velocity = self.mpf.state.core.velocity_mps;
+        let velocity = self.terrain.state.core.velocity_mps;
         if !outgoing.report(tol_ns, velocity, self.options.packet_spacing_m, &self.layout, report) {
             return Ok(None);
         }
@@ -279,19 +292,21 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
-        self.mpf.estimate(t_ns)
+        self.terrain.state.core.estimate(t_ns)
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
-        save(&(&self.mpf.state, &self.state))
+        save(&(&self.terrain.state, &self.radio, &self.state))
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let (mpf, state): (MpfState<K>, TeamState<K>) = load(snapshot)?;
+        let (terrain, radio, state): (TerrainState<K>, Radio, TeamState<K>) = load(snapshot)?;
+        self.terrain.state.core.check_same(&terrain.core)?;
+        self.radio.check_same(&radio)?;
         if state.groups.len() != self.state.groups.len() || state.mates.len() != self.state.mates.len() {
             return Err(Error::Snapshot("made with another team".into()));
         }
-        let (particles, vehicles) = (self.options.core.particles, self.state.mates.len());
+        let (particles, vehicles) = (self.options.terrain.particles, self.state.mates.len());
         state.groups.iter().try_for_each(|g| g.check(particles))?;
         let shared = state.current.as_ref().map(|c| c.fits(particles, vehicles));
         if !state.history.fits(particles)
@@ -300,7 +315,8 @@ impl<const K: usize> Navigator for Team<K> {
         {
             return Err(Error::Snapshot("made with another team".into()));
         }
-        self.mpf.state = mpf;
+        self.terrain.state = terrain;
+        self.radio = radio;
         self.state = state;
         Ok(())
     }
@@ -313,10 +329,18 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn particles(&self) -> Option<Particles> {
-        self.mpf.particles()
+        self.terrain.state.core.particles()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = self.terrain.diagnostics();
+        let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
+        let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
+        said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        said
     }
 
     fn information_nat(&self) -> f64 {
-        self.mpf.information_nat()
+        self.terrain.state.core.information_nat
     }
 }

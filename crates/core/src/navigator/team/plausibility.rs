@@ -45,7 +45,7 @@ impl<const K: usize> Team<K> {
             FixSays::Start(_) => [0.0; 2],
             FixSays::Residual(residual_m) => residual_m,
         };
-        let core = &self.mpf.state.core;
+        let core = &self.terrain.state.core;
         let (own, covariance_m2) = core.cloud.position_moments();
         let back = core.displacement_since(toa_ns).unwrap_or_default();
         let between = [0, 1].map(|a| report.position_m[a] + residual_m[a] - own[a] + back[a]);
@@ -77,7 +77,7 @@ impl<const K: usize> Team<K> {
             return 0;
         }
         self.scratch.report.fix = None;
-        self.mpf.state.core.rejected += 1;
+        self.terrain.state.core.rejected += 1;
         mate.contradicting_fixes + 1
     }
 

@@ -210,7 +210,7 @@ fn options_outside_their_bounds_are_refused() {
     assert!(build(|o| o.sigma_range_m = 0.0).is_err());
     assert!(build(|o| o.group_size = 0).is_err());
     assert!(build(|o| o.drifts.clear()).is_err());
-    assert!(build(|o| o.core.particles = 3).is_err());
+    assert!(build(|o| o.terrain.particles = 3).is_err());
 }
 
 /// The uncertainty of vehicle 2 in the eyes of vehicle 0, m².

@@ -1,0 +1,117 @@
+//! The terrain core of `mpf` and `team`: a marginalised particle filter whose particles also carry the datum offset
+//! (tide). Absolute depth is used once per sounding, tempered by the distance over which the chart's error stays itself,
+//! with Student tails; a health monitor spreads a cloud that no longer explains its soundings.
+
+mod monitor;
+mod options;
+mod sounding;
+
+pub use options::{MonitorOptions, TerrainOptions};
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use super::Outcome;
+use super::particle_core::ParticleCore;
+use crate::chart::Chart;
+use crate::error::Error;
+use crate::event::VehicleId;
+use crate::kernels::weights::{weighted_covariance, weighted_mean};
+use crate::random::{Purpose, Streams};
+use sounding::SoundingScratch;
+
+/// The core, with K = 2 (current) or 4 (and compass and thrust bias) linear states.
+pub struct TerrainCore<const K: usize> {
+    /// Its options.
+    pub options: TerrainOptions,
+    /// The chart; without one it dead-reckons between fixes.
+    pub chart: Option<Arc<Chart>>,
+    /// What a snapshot holds.
+    pub state: TerrainState<K>,
+    scratch: SoundingScratch,
+}
+
+/// What determines the terrain core's next step.
+#[derive(Serialize, Deserialize)]
+pub struct TerrainState<const K: usize> {
+    /// Particles, drift and clock.
+    pub core: ParticleCore<K>,
+    /// Travelled distance at the last sounding used, m.
+    sounded_at_m: Option<f64>,
+    health: f64,
+    alarms: u64,
+    last_alarm_ns: Option<i64>,
+}
+
+impl<const K: usize> TerrainCore<K> {
+    /// The core of vehicle `own`.
+    ///
+    /// # Errors
+    /// Options outside their bounds.
+    pub fn new(
+        own: VehicleId,
+        options: TerrainOptions,
+        chart: Option<Arc<Chart>>,
+        seed: u64,
+    ) -> Result<Self, Error> {
+        options.validate()?;
+        let mut core = ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?;
+        core.cloud.add_offset();
+        Ok(Self {
+            options,
+            chart,
+            state: TerrainState { core, sounded_at_m: None, health: 1.0, alarms: 0, last_alarm_ns: None },
+            scratch: SoundingScratch::default(),
+        })
+    }
+
+    /// How often the health monitor spread the cloud.
+    #[must_use]
+    pub fn alarms(&self) -> u64 {
+        self.state.alarms
+    }
+
+    /// Mean and variance of the datum offset (tide), m and m²; positive = deeper than the chart.
+    #[must_use]
+    pub fn datum_offset(&self) -> (f64, f64) {
+        let cloud = &self.state.core.cloud;
+        let (w, b) = (cloud.weights(), &cloud.offset);
+        let mean = weighted_mean(w, b);
+        (mean, weighted_mean(w, &cloud.offset_variance) + weighted_covariance(w, b, mean, b, mean))
+    }
+
+    /// As the particle core, with the datum offset and the alarms.
+    #[must_use]
+    pub fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = self.state.core.diagnostics();
+        let (mean_m, variance_m2) =
+            if self.state.core.started() { self.datum_offset() } else { (f64::NAN, f64::NAN) };
+        said.push(("datum_offset_m", mean_m));
+        said.push(("sigma_datum_offset_m", variance_m2.sqrt()));
+        said.push(("alarms", self.state.alarms as f64));
+        said
+    }
+
+    /// A fix up to its weights: resampling is left to the caller.
+    pub fn weigh_fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
+        let core = &mut self.state.core;
+        let fresh = !core.started();
+        let outcome = core.fix(position_m, covariance_m2);
+        if fresh {
+            core.cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
+        }
+        outcome
+    }
+
+    /// Resamples where the weights call for it (14), and jitters on the joint state.
+    pub fn resample(&mut self) {
+        let core = &mut self.state.core;
+        if core.cloud.ess() <= self.options.resample_share * core.cloud.len() as f64 {
+            let stream = core.next_stream(Purpose::Resample);
+            core.cloud.resample(&stream);
+            let stream = core.next_stream(Purpose::Jitter);
+            core.cloud.liu_west(&stream);
+        }
+    }
+}
