@@ -56,10 +56,10 @@ study: build                ## the long tests and the studies behind docs/result
 
 FUZZ_S ?= 600
 fuzz:                       ## hostile packets, events and snapshots for FUZZ_S seconds, overflow checks on
-	cargo test --locked -q --profile checked -p uwcoop-core --test fuzz --test contract --no-run
+	cargo test --locked -q --profile checked -p uwcoop-core --test navigator_fuzz --test navigator_contract --no-run
 	end=$$(( $$(date +%s) + $(FUZZ_S) )); while [ $$(date +%s) -lt $$end ]; do \
-		UWCOOP_FUZZ_CASES=1000 cargo test --locked -q --profile checked -p uwcoop-core --test fuzz || exit 1; \
-		UWCOOP_FUZZ_CASES=100 cargo test --locked -q --profile checked -p uwcoop-core --test contract any_event || exit 1; \
+		UWCOOP_FUZZ_CASES=1000 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_fuzz || exit 1; \
+		UWCOOP_FUZZ_CASES=100 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_contract any_event || exit 1; \
 	done
 
 clean:

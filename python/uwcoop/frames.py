@@ -66,6 +66,22 @@ def crs_text(crs: Any) -> str:
     return ":".join(authority) if authority else str(crs.to_wkt())
 
 
+def transformer(source: Any, target: Any) -> Any:
+    """The pyproj transformer between two projections, x east and y north on both sides.
+
+    Raises:
+        ChartError: there is no way from one to the other, as for a planet other than the Earth.
+    """
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        return Transformer.from_crs(source, target, always_xy=True)
+    except ProjError as error:
+        said = " ".join(str(error).split())[:200]
+        raise ChartError(f"projection {source} cannot be converted to {target}: {said}") from error
+
+
 def local_projection(latitude_deg: float, longitude_deg: float) -> str:
     """PROJ string of the conformal metric projection around a place: transverse Mercator, scale 1 there."""
     return (
@@ -129,9 +145,7 @@ class LocalFrame:
 
     @cached_property
     def _transformer(self) -> Any:
-        from pyproj import Transformer
-
-        return Transformer.from_crs("EPSG:4326", self._crs, always_xy=True)
+        return transformer("EPSG:4326", self._crs)
 
     @cached_property
     def offset_m(self) -> tuple[float, float]:
@@ -161,9 +175,7 @@ class LocalFrame:
 
     def local_from(self, crs: Any, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
         """Local [east, north] metres, (N, 2), of positions (N,) in another pyproj CRS, x east and y north."""
-        from pyproj import Transformer
-
-        there = Transformer.from_crs(crs, self._crs, always_xy=True)
+        there = transformer(crs, self._crs)
         east, north = there.transform(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         return np.column_stack([east, north]) - self.offset_m
 

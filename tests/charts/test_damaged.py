@@ -139,6 +139,8 @@ def said_of(kind: str, folder: Path, count: int, seed: int) -> str:
         capture_output=True, text=True, timeout=1800, check=False,
     )  # fmt: skip
     assert f"read {count}" in done.stderr, f"{kind}: ended with {done.returncode}: {done.stderr[-600:]}"
+    assert "Traceback" not in done.stderr
+    assert "HDF5-DIAG" not in done.stderr
     return done.stdout
 
 

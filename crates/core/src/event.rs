@@ -308,6 +308,9 @@ impl Payload {
     }
 }
 
+/// Nothing that a DVL rides on goes faster over ground, m/s: a reading above it says that there is none.
+pub const GROUND_SPEED_MAX_MPS: f64 = 30.0;
+
 /// Refuses a fix covariance [ee, en, nn] that keeps no bound or is not positive semi-definite.
 ///
 /// # Errors

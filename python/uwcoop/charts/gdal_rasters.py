@@ -6,6 +6,8 @@ which fetches whatever files and addresses it lists.
 
 from __future__ import annotations
 
+import os
+import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +28,7 @@ if TYPE_CHECKING:
 
 _DRIVERS = {"tiff": "GTiff", "bag": "BAG", "s102": "S102"}
 _CACHE_MB = 32
+_STDERR = 2
 _LARGEST_BLOCK = 1 << 24
 """Values of one tile or strip, which GDAL must hold whole."""
 _UNCERTAIN = ("uncertainty", "sigma", "standard deviation", "std", "tvu")
@@ -51,7 +54,7 @@ def open_raster(path: Path, kind: str, reading: Reading) -> Iterator[GridSource]
         from rasterio.errors import RasterioError
     except ImportError as error:
         raise MissingDependencyError("rasterio", "maps") from error
-    with warnings.catch_warnings(), rasterio.Env(GDAL_CACHEMAX=_CACHE_MB, GDAL_PAM_ENABLED="YES"):
+    with _quietly(kind), warnings.catch_warnings(), rasterio.Env(GDAL_CACHEMAX=_CACHE_MB):
         warnings.simplefilter("ignore")  # a raster without a place is judged below
         try:
             options, notes = _bag_options(rasterio, path, reading) if kind == "bag" else ({}, ())
@@ -59,6 +62,29 @@ def open_raster(path: Path, kind: str, reading: Reading) -> Iterator[GridSource]
                 yield _source(file, path.name, kind, reading, notes)
         except RasterioError as error:
             raise ChartError(f"{path.name} cannot be read as a chart: {error}") from error
+
+
+@contextmanager
+def _quietly(kind: str) -> Iterator[None]:
+    """Keep what the libraries below write to the terminal about a damaged file off it: our error says it in one line.
+
+    GDAL's copy of HDF5 writes its stack to the standard error of the process, which nothing but the file descriptor
+    itself can stop; rasterio reports messages of GDAL that are no UTF-8 as exceptions that nobody can catch.
+    """
+    hook = sys.unraisablehook
+    sys.unraisablehook = lambda said: None if isinstance(said.exc_value, UnicodeDecodeError) else hook(said)
+    sys.stderr.flush()
+    kept = os.dup(_STDERR) if kind != "tiff" else None
+    try:
+        if kept is not None:
+            with open(os.devnull, "wb") as nowhere:
+                os.dup2(nowhere.fileno(), _STDERR)
+        yield
+    finally:
+        if kept is not None:
+            os.dup2(kept, _STDERR)
+            os.close(kept)
+        sys.unraisablehook = hook
 
 
 def _bag_options(rasterio: Any, path: Path, reading: Reading) -> tuple[dict[str, str], tuple[str, ...]]:

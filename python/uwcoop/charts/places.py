@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.errors import ChartError
-from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text
+from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text, transformer
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -75,12 +75,10 @@ class Area:
         if crs.is_geographic:
             turn = 360.0 * round((middle_x - (self.west_deg + self.east_deg) / 2) / 360.0)
             return self.west_deg + turn, self.south_deg, self.east_deg + turn, self.north_deg
-        from pyproj import Transformer
-
         t = np.linspace(0.0, 1.0, 21)
         lon = self.west_deg + (self.east_deg - self.west_deg) * np.concatenate([t, t, 0 * t, 0 * t + 1])
         lat = self.south_deg + (self.north_deg - self.south_deg) * np.concatenate([0 * t, 0 * t + 1, t, t])
-        x, y = Transformer.from_crs("EPSG:4326", crs, always_xy=True).transform(lon, lat)
+        x, y = transformer("EPSG:4326", crs).transform(lon, lat)
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise ChartError(f"area {self} lies outside of the projection {crs_text(crs)}")
         return float(np.min(x)), float(np.min(y)), float(np.max(x)), float(np.max(y))
@@ -100,9 +98,7 @@ def horizontal(crs: Any) -> Any:
 
 def middle_of(crs: Any, x: float, y: float) -> tuple[float, float]:
     """WGS 84 latitude and longitude, degrees, of a place in `crs`."""
-    from pyproj import Transformer
-
-    longitude, latitude = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(x, y)
+    longitude, latitude = transformer(crs, "EPSG:4326").transform(x, y)
     if not (np.isfinite(latitude) and np.isfinite(longitude)):
         raise ChartError(f"position ({x:g}, {y:g}) is outside the projection {crs_text(crs)}")
     return float(latitude), float(longitude)

@@ -15,7 +15,7 @@ from uwcoop.charts.chart import Chart
 from uwcoop.charts.places import NO_PROJECTION, frame_for, is_metric
 from uwcoop.charts.windows import window_sums
 from uwcoop.errors import ChartError
-from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text
+from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text, transformer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -194,9 +194,7 @@ def _resample_axes(raster: Raster, x: Grid, y: Grid, cell_m: float) -> _Grid:
 
 def _resample_projected(raster: Raster, frame: LocalFrame, cell_m: float | None, notes: list[str]) -> _Grid:
     """Resample to local metres through the inverse projection of every new node."""
-    from pyproj import Transformer
-
-    there = Transformer.from_crs(raster.crs, crs_of(frame.origin.crs), always_xy=True)
+    there = transformer(raster.crs, crs_of(frame.origin.crs))
     edge_e, edge_n = _edge(raster, there, frame)
     size_e, size_n = float(np.ptp(edge_e)), float(np.ptp(edge_n))
     step_e, step_n = size_e / (raster.x.size - 1), size_n / (raster.y.size - 1)

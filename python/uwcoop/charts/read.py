@@ -148,7 +148,12 @@ def load_sounded(
         if _kind(file).key in _GRIDS:
             raise ChartError(f"{file.name} is a grid: residuals come from soundings")
         with _one_line(file):
-            surveys.append(load_soundings(file, reading=reading, columns=columns, origin=place))
+            surveys.append(
+                load_soundings(
+                    file, crs=crs, positive=positive, depth_unit=depth_unit, nodata=nodata, area=reading.area,
+                    columns=columns, origin=place,
+                )
+            )  # fmt: skip
         # All further files come around the first one's middle.
         place = surveys[0].origin if surveys[0].origin.latitude_deg is not None else place
     return grid_and_judge(

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from uwcoop.charts.places import Area
     from uwcoop.importers.text_table import Rows, TextTable
 
     Values = NDArray[np.float64]
@@ -63,7 +64,11 @@ class _Columns:
 def load_soundings(
     path: str | PathLike[str],
     *,
-    reading: Reading | None = None,
+    crs: str | None = None,
+    positive: str | None = None,
+    depth_unit: str | None = None,
+    nodata: float | None = None,
+    area: Area | None = None,
     columns: str | Sequence[str] | None = None,
     origin: Origin | None = None,
 ) -> Soundings:
@@ -73,7 +78,7 @@ def load_soundings(
         ChartError: not text, columns that cannot be told apart, a cell that is not a number, positions that
             are not positions, or see `depths_from`.
     """
-    path, reading = Path(path), reading or Reading()
+    path, reading = Path(path), Reading(crs, positive, depth_unit, nodata, area)
     try:
         table = open_table(path)
         chosen = _choose(table, columns, reading.crs is not None and not _geographic(reading.crs))
@@ -200,10 +205,11 @@ def _seconds(
     label = chosen.label["time"]
     unit = table.units[chosen.place["time"]] or split_label(label)[0]
     try:
-        return parse_times(rows.texts["time"][use].tolist(), unit=unit, label=label).seconds
+        times = parse_times(rows.texts["time"][use].tolist(), unit=unit, label=label)
     except TableError as error:
         notes.append(f"times not used: {error}")
         return None
+    return times.seconds if times.absolute else times.t_ns / 1e9
 
 
 def _choose(table: TextTable, columns: str | Sequence[str] | None, prefer_projected: bool) -> _Columns:

@@ -14,6 +14,7 @@ import numpy as np
 
 from uwcoop.charts.chart import Chart
 from uwcoop.charts.information import Sounding, reachable_sigma
+from uwcoop.charts.plausible import DEEPEST_M
 from uwcoop.charts.slopes import node_sigma
 from uwcoop.errors import ChartError, MissingDependencyError
 from uwcoop.frames import LocalFrame, Origin, crs_of
@@ -76,6 +77,9 @@ def chart_as_stored(source: GridSource) -> Chart | None:
     depth, sigma = source.read(slice(0, source.y.size), slice(0, source.x.size))
     if source.y[0] > source.y[-1]:
         depth, sigma = depth[::-1], None if sigma is None else sigma[::-1]
+    with np.errstate(invalid="ignore"):
+        if ((depth <= 0) | (depth > DEEPEST_M)).any():
+            return None  # no depths of ours: read with every check
     stated = header["sigma_map_m"]
     return Chart(
         depth_m=depth,

@@ -18,6 +18,7 @@ from uwcoop.cli.options import (
     SeedOption,
     SetOption,
 )
+from uwcoop.cli.scenario_commands import budget, keys, scenarios
 from uwcoop.cli.terminal import (
     OneLineErrors,
     names_of,
@@ -76,14 +77,8 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-@app.command()
-def scenarios() -> None:
-    """What is packaged: scenarios to fly and navigators to fly them with."""
-    from uwcoop.navigators import NAVIGATORS
-    from uwcoop.report.input_tables import packaged_tables
-    from uwcoop.scenario import packaged
-
-    terminal().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
+for _command in (scenarios, keys, budget):
+    app.command()(_command)
 
 
 app.command()(chart_command)
@@ -201,16 +196,24 @@ def study(
     figures: FiguresOption = False,
 ) -> None:
     """Many missions, the same for every navigator and variant: consistency and accuracy over all of them."""
+    from contextlib import suppress
+
+    from uwcoop.errors import ScenarioError
     from uwcoop.evaluation.metrics import summary_text
+    from uwcoop.experiment.mission import load_scenario
     from uwcoop.experiment.study import study as compare
     from uwcoop.navigators import not_realisable
     from uwcoop.report.result_tables import study_table
     from uwcoop.report.run_folder import write_study_figures
     from uwcoop.scenario import alternatives
+    from uwcoop.world.simulate import setup_notes
 
     needs_folder(resume, output, "--resume")
     needs_folder(figures, output, "--figures")
     varied = [alternatives(text) for text in vary or ()]
+    with suppress(ScenarioError):  # a variant may mend it; what is wrong in all of them the study says
+        for note in setup_notes(load_scenario(scenario, None, settings or ())):
+            say(f"note: {note}")
     with progress(f"flying {scenario}", None) as step:
         result = compare(
             scenario,
@@ -241,18 +244,6 @@ def study(
         say_written(files, output)
     if as_json:
         typer.echo(summary_text(result.summary))
-
-
-@app.command()
-def budget(
-    scenario: ScenarioArgument, navigator: NavigatorsOption = None, settings: SetOption = None
-) -> None:
-    """What talking costs: fields, bytes, frames, air time, slot and cycle; what other teams and slots would do."""
-    from uwcoop.experiment.mission import load_scenario
-    from uwcoop.experiment.packet_budget import budget as count
-    from uwcoop.report.budget_tables import budget_report
-
-    terminal().print(budget_report(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
 
 
 @app.command()

@@ -96,9 +96,11 @@ def print_run(result: RunResult, console: Console) -> None:
 
 
 def print_notes(log: MissionLog) -> None:
-    """What was assumed while the chart was read."""
+    """What was assumed while the chart was read and the log was made."""
     for note in () if log.chart is None else log.chart.notes:
         say(f"chart: {note}")
+    for note in log.notes:
+        say(f"note: {note}")
 
 
 @contextmanager

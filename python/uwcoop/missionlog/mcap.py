@@ -36,7 +36,7 @@ the yaw it was made of, hence Heading and OdometryIncrement; their standard twin
 ignores. Truth goes into `log.truth` and nowhere else. A `ros2 bag play` without an installed uwcoop_msgs
 package skips that package's topics with a warning.
 
-The MCAP metadata record `uwcoop` holds name, seed, duration, vehicles, link, origin, resolved scenario and
+The MCAP metadata record `uwcoop` holds name, seed, duration, vehicles, link, origin, resolved scenario, notes and
 the number of rows of every table (JSON); the attachment `chart` holds the chart, with its SHA-256 in the
 metadata.
 
@@ -181,6 +181,8 @@ def _metadata(log: MissionLog) -> dict[str, str]:
         "truth": truth.describe(log),
         "chart": None if log.chart is None else {"name": log.chart.name, "sha256": log.chart.sha256},
     }
+    if log.notes:
+        values["notes"] = log.notes
     try:
         return {key: json.dumps(value) for key, value in values.items()}
     except (TypeError, ValueError) as error:
@@ -199,6 +201,7 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
             link=Link(**about["link"]),
             origin=Origin(**about["origin"]),
             setup=MissionSetup.parse(about["scenario"]),
+            notes=_notes(about.get("notes", [])),
         )
         _check_types(file, names)
         if "slots" in rows:
@@ -242,6 +245,12 @@ def _about(file: container.Contents) -> dict[str, Any]:
         if not isinstance(about.get(key), kind):
             raise LogError(f"metadata {key} is {about.get(key)!r:.60}, it must be {kind.__name__}")
     return about
+
+
+def _notes(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(note, str) for note in value):
+        raise LogError(f"metadata notes is {value!r:.60}, it must be a list of texts")
+    return tuple(value)
 
 
 def _check_types(file: container.Contents, names: list[str]) -> None:

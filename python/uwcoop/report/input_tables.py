@@ -12,8 +12,9 @@ from rich.text import Text
 
 if TYPE_CHECKING:
     from uwcoop.experiment.packet_budget import Budget, Cost
+    from uwcoop.scenario.keys import Key
 
-__all__ = ["budget_table", "chart_table", "packaged_tables", "residuals_table"]
+__all__ = ["budget_table", "chart_table", "keys_table", "packaged_tables", "residuals_table"]
 
 
 def packaged_tables(scenarios: Iterable[tuple[str, str]], navigators: Mapping[str, str]) -> Group:
@@ -27,6 +28,19 @@ def packaged_tables(scenarios: Iterable[tuple[str, str]], navigators: Mapping[st
             table.add_row(name, description)
         tables.append(table)
     return Group(*tables)
+
+
+def keys_table(keys: Iterable[Key]) -> Table:
+    """Keys of a scenario: what each is, and what it may be."""
+    table = _table(None, None)
+    table.add_column("key", style="bold", overflow="fold")
+    for heading in ("unit", "default"):
+        table.add_column(heading, overflow="fold")
+    table.add_column("bound, meaning")
+    for key in keys:
+        said = ". ".join(part for part in (key.case, key.bound, key.meaning) if part)
+        table.add_row(key.name, key.unit, key.default, Text(said.replace("`", "")))
+    return table
 
 
 def chart_table(facts: Mapping[str, Any]) -> Table:

@@ -31,6 +31,18 @@ def packaged() -> list[tuple[str, str]]:
     return [(name, str(_packaged_table(name).get("description", ""))) for name in _packaged_names()]
 
 
+def packaged_text(name: str) -> str:
+    """The file of a packaged scenario, to start one's own from.
+
+    Raises:
+        ScenarioError: no scenario of this name is packaged.
+    """
+    known = _packaged_names()
+    if name not in known:
+        raise ScenarioError(f"scenario {name!r} is not packaged: {nearest(name, known)}")
+    return (_PACKAGE / f"{name}.toml").read_text(encoding="utf-8")
+
+
 def load(
     name_or_path: str | Path, overrides: Iterable[str] = (), settings: Mapping[str, Any] | None = None
 ) -> Scenario:
@@ -224,7 +236,7 @@ def _packaged_names() -> list[str]:
 
 
 def _packaged_table(name: str) -> dict[str, Any]:
-    return tomllib.loads((_PACKAGE / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(packaged_text(name))
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -242,11 +254,17 @@ def _resolve_paths(table: dict[str, Any], folder: Path) -> None:
     source = chart.get("source") if isinstance(chart, dict) else None
     if isinstance(chart, dict) and isinstance(source, str) and not source.startswith(SYNTHETIC):
         chart["source"] = str(folder / source)
+    area = table.get("area")
+    if isinstance(area, dict) and isinstance(area.get("file"), str):
+        area["file"] = str(folder / area["file"])
     acoustics = table.get("acoustics")
     given = [acoustics.get("loss"), acoustics.get("losses")] if isinstance(acoustics, dict) else []
     for loss in [given[0], *given[1]] if given and isinstance(given[1], list) else given:
         if isinstance(loss, dict) and isinstance(loss.get("file"), str):
             loss["file"] = str(folder / loss["file"])
+    water = acoustics.get("sound_speed") if isinstance(acoustics, dict) else None
+    if isinstance(water, dict) and isinstance(water.get("file"), str):
+        water["file"] = str(folder / water["file"])
     tags = acoustics.get("authentication") if isinstance(acoustics, dict) else None
     if isinstance(tags, dict) and isinstance(tags.get("key_file"), str):
         tags["key_file"] = str(folder / tags["key_file"])

@@ -12,7 +12,7 @@ use super::paper_cloud::PaperCloud;
 use super::paper_options::PaperOptions;
 use super::role_exchange::RoleExchange;
 use crate::error::Error;
-use crate::event::{Event, Kind, Payload, VehicleId, seconds};
+use crate::event::{Event, GROUND_SPEED_MAX_MPS, Kind, Payload, VehicleId, seconds};
 use crate::kernels::landmark::OdometryStep;
 use crate::mixture::Mode;
 use crate::navigator::snapshot::{load, save};
@@ -158,6 +158,12 @@ impl Navigator for LandmarkPaper {
         self.state.role_exchange.check(&event.payload)?;
         self.advance(event.t_ns);
         let outcome = match &event.payload {
+            Payload::GroundVelocity { velocity_mps: [forward, left], .. }
+                if forward.hypot(*left) > GROUND_SPEED_MAX_MPS =>
+            {
+                self.state.counts.rejected += 1;
+                Outcome::Gated
+            }
             Payload::GroundVelocity { velocity_mps, .. } => {
                 self.state.velocity_mps = *velocity_mps;
                 Outcome::Fused

@@ -222,8 +222,11 @@ impl Navigator for Landmark {
         self.state.odometer.advance(event.t_ns);
         let outcome = match &event.payload {
             Payload::GroundVelocity { velocity_mps, sigma_mps } => {
-                self.state.odometer.velocity(*velocity_mps, *sigma_mps);
-                Outcome::Fused
+                if self.state.odometer.velocity(*velocity_mps, *sigma_mps) {
+                    Outcome::Fused
+                } else {
+                    self.gated()
+                }
             }
             Payload::TurnRate { yaw_rate_radps, sigma_radps } => {
                 self.turn_rate(*yaw_rate_radps, *sigma_radps);

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::local_options::LocalOptions;
 use crate::error::Error;
-use crate::event::{Event, Kind, Payload, VehicleId, seconds};
+use crate::event::{Event, GROUND_SPEED_MAX_MPS, Kind, Payload, VehicleId, seconds};
 use crate::information::NODE;
 use crate::navigator::{Kinds, check_event};
 
@@ -13,8 +13,6 @@ use crate::navigator::{Kinds, check_event};
 const PAUSE_MAX_S: f64 = 21_600.0;
 /// A heading older than this does not rotate a DVL's velocity any more, ns.
 const HEADING_AGE_MAX_NS: i64 = 10_000_000_000;
-/// Nothing that these navigators are for goes faster over ground, m/s.
-const GROUND_SPEED_MAX_MPS: f64 = 30.0;
 /// So many fixes in a row that contradict the belief are believed: a lost vehicle must be able to find back.
 const FIXES_BELIEVED: u32 = 3;
 
