@@ -1,5 +1,5 @@
 # The whole vocabulary. Every target does its own set-up on a machine with git, make, Python >= 3.11 and cargo.
-.PHONY: build demo test bench lint lock docs study clean
+.PHONY: build demo test bench lint lock docs study fuzz clean
 .DEFAULT_GOAL := build
 
 UV := .tools/bin/uv
@@ -53,6 +53,14 @@ study: build                ## the long tests and the studies behind docs/result
 	.venv/bin/python studies/results.py
 	.venv/bin/python studies/compare.py --real-runs 8
 	.venv/bin/python studies/alternating_landmark.py
+
+FUZZ_S ?= 600
+fuzz:                       ## hostile packets, events and snapshots for FUZZ_S seconds, overflow checks on
+	cargo test --locked -q --profile checked -p uwcoop-core --test navigator_fuzz --test navigator_contract --no-run
+	end=$$(( $$(date +%s) + $(FUZZ_S) )); while [ $$(date +%s) -lt $$end ]; do \
+		UWCOOP_FUZZ_CASES=1000 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_fuzz || exit 1; \
+		UWCOOP_FUZZ_CASES=100 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_contract any_event || exit 1; \
+	done
 
 clean:
 	rm -rf target .venv dist site uwcoop-demo

@@ -95,6 +95,8 @@ class Chart:
     @property
     def mean_depth_m(self) -> float: ...
 
+def event_bounds() -> list[tuple[str, str, float, float, bool]]: ...
+
 @final
 class Event:
     """One thing that happened to one vehicle."""

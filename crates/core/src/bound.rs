@@ -23,7 +23,7 @@ use recursion::Recursion;
 
 use crate::chart::Chart;
 use crate::error::{Error, finite, non_negative, positive};
-use crate::event::{VehicleId, check_covariance};
+use crate::event::{VehicleId, check_fix_covariance};
 use crate::navigator::drift::Drift;
 use crate::navigator::settings::{MpfSettings, TeamSettings};
 
@@ -274,7 +274,7 @@ fn check(vehicles: usize, observations: &[(i64, Observation)]) -> Result<(), Err
         match *observation {
             Observation::Fix { vehicle, covariance_m2 } => {
                 known(vehicle)?;
-                check_covariance("fix covariance, m²", covariance_m2)?;
+                check_fix_covariance(covariance_m2)?;
             }
             Observation::Sounding { vehicle, sigma_m } => {
                 known(vehicle)?;

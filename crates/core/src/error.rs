@@ -26,6 +26,20 @@ pub enum Error {
         /// The bound in words.
         bound: &'static str,
     },
+    /// A number outside its least and greatest value.
+    #[error("{quantity} is {value}, outside {open}{minimum} to {maximum}")]
+    OutsideBounds {
+        /// What the number means, with its unit.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+        /// "above " where the least value itself is refused.
+        open: &'static str,
+        /// Least value.
+        minimum: f64,
+        /// Greatest value.
+        maximum: f64,
+    },
     /// An event older than what the navigator has already advanced to.
     #[error("event at {event_ns} ns is before the navigator's time {now_ns} ns")]
     FromThePast {

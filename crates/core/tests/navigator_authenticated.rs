@@ -355,7 +355,7 @@ fn assault(tries: usize, seed: u64, look_every: usize) {
             let (sender, tol_ns, bytes) = forged(&mut random, &known);
             // A receiver is soon deaf in these slots: whether the tag would have passed is asked apart.
             let passes = key.check_tag(&bytes, sender, tol_ns).is_ok();
-            assert!(!passes || known.contains(&(sender, tol_ns, bytes.clone())), "{name}: {bytes:?}");
+            assert!(!passes || known.contains(&(sender, tol_ns, bytes.clone().into())), "{name}: {bytes:?}");
             let said = own.handle(&heard(sender, tol_ns, &bytes)).unwrap();
             assert_eq!(said, Outcome::Rejected, "{name}: {bytes:?} of {sender} at {tol_ns}");
             if k % look_every == 0 {

@@ -31,6 +31,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<chart::Chart>()?;
     module.add_function(wrap_pyfunction!(bound::bound, module)?)?;
     module.add_class::<event::Event>()?;
+    module.add_function(wrap_pyfunction!(event::event_bounds, module)?)?;
     module.add_class::<navigators::Estimate>()?;
     module.add_class::<navigators::Navigator>()?;
     module.add_class::<mission::Mission>()?;

@@ -267,6 +267,11 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "ess": (each, stack("ess"), {"units": "1", "long_name": "effective sample size"}),
             "packet_bytes": (each, sent, {"units": "byte", "long_name": "bytes sent, polls included"}),
             "rejected": (each, stack("rejected").astype(np.int64), {"long_name": "gated or rejected so far"}),
+            "unsent": (
+                each,
+                stack("unsent").astype(np.int64),
+                {"long_name": "slots left silent so far: what there was to say did not fit"},
+            ),
             "off_chart": (each, stack("off_chart"), {"long_name": "no chart to go by: dead reckoning"}),
             "heard": (each, heard, {"long_name": "a packet that arrived now was used"}),
             "received": (("vehicle", "time"), received, {"long_name": "a signal could be heard now"}),

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Particles};
+use super::{Estimate, Navigator, Outcome, Particles, Profile};
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
 use crate::link::{Authenticator, FailedTags, ReplayGuard};
@@ -75,7 +75,7 @@ impl<N: Navigator> Authenticated<N> {
             return None;
         };
         self.state.guard.check(sender, tol_ns).ok()?;
-        Some(if self.inner.has_checksum() {
+        Some(if self.inner.profile().has_checksum {
             append_crc(packet.to_vec(), sender, tol_ns).into()
         } else {
             packet.into()
@@ -84,14 +84,14 @@ impl<N: Navigator> Authenticated<N> {
 
     /// What a tag adds to the navigator's own packet, bytes; it may be less than nothing.
     fn cost_bytes(&self) -> isize {
-        let saved = if self.inner.has_checksum() { CRC_BYTES } else { 0 };
+        let saved = if self.inner.profile().has_checksum { CRC_BYTES } else { 0 };
         // Both are small.
         self.authenticator.tag_bytes() as isize - saved as isize
     }
 
     /// The navigator's packet as it goes on the channel.
     fn tagged(&self, packet: &[u8], tol_ns: i64) -> Result<Arc<[u8]>, Error> {
-        let has_checksum = self.inner.has_checksum();
+        let has_checksum = self.inner.profile().has_checksum;
         let payload = if has_checksum { check_crc(packet, self.own, tol_ns)? } else { packet };
         let tagged = self.authenticator.append_tag(payload, self.own, tol_ns);
         layout::note_tag(self.authenticator.tag_bytes() as u32 * 8, has_checksum);
@@ -109,7 +109,7 @@ impl<N: Navigator> Authenticated<N> {
         if usize::from(sender) >= self.state.guard.vehicles() {
             return Err(Error::UnknownVehicle { vehicle: sender, count: self.state.guard.vehicles() });
         }
-        event.payload.validate()
+        event.validate()
     }
 }
 
@@ -167,16 +167,8 @@ impl<N: Navigator> Navigator for Authenticated<N> {
         Ok(())
     }
 
-    fn has_checksum(&self) -> bool {
-        false
-    }
-
-    fn takes_ranges(&self) -> bool {
-        self.inner.takes_ranges()
-    }
-
-    fn needs_delivery_oracle(&self) -> bool {
-        self.inner.needs_delivery_oracle()
+    fn profile(&self) -> Profile {
+        Profile { has_checksum: false, ..self.inner.profile() }
     }
 
     fn information_nat(&self) -> f64 {
@@ -214,16 +206,8 @@ impl Navigator for Box<dyn Navigator> {
         self.as_mut().restore(snapshot)
     }
 
-    fn has_checksum(&self) -> bool {
-        self.as_ref().has_checksum()
-    }
-
-    fn takes_ranges(&self) -> bool {
-        self.as_ref().takes_ranges()
-    }
-
-    fn needs_delivery_oracle(&self) -> bool {
-        self.as_ref().needs_delivery_oracle()
+    fn profile(&self) -> Profile {
+        self.as_ref().profile()
     }
 
     fn information_nat(&self) -> f64 {

@@ -14,10 +14,10 @@ use super::particle_core::ParticleCore;
 use super::radio::Radio;
 use super::range::RangeOptions;
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, non_negative, positive};
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
 use crate::kernels::pattern::Pattern;
 use crate::mixture::{Mode, fit};
@@ -179,6 +179,11 @@ impl Dmpf {
 
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
+        // Before the radio takes down that the packet was heard: what cannot be placed in time is refused whole.
+        if !self.state.core.remembers(toa_ns) {
+            self.state.core.rejected += 1;
+            return Outcome::Rejected;
+        }
         let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
@@ -237,7 +242,7 @@ impl Dmpf {
                 self.state.core.velocity_mps = *velocity_mps;
                 Outcome::Fused
             }
-            Payload::Depth { depth_m, .. } => {
+            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
                 self.state.radio.set_depth(*depth_m);
                 Outcome::Fused
             }
@@ -283,8 +288,11 @@ impl Navigator for Dmpf {
         self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
-    fn takes_ranges(&self) -> bool {
-        self.options.range.is_some()
+    fn profile(&self) -> Profile {
+        let ranges = self.options.range.is_some();
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix]).with(Kind::WaterDepth, self.options.terrain);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

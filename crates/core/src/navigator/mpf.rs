@@ -11,10 +11,10 @@ use super::range::RangeOptions;
 use super::range_novelty::RangeNovelty;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::packet::PacketKind;
 
 /// Options of `mpf`.
@@ -140,7 +140,7 @@ impl<const K: usize> Mpf<K> {
                 self.terrain.state.core.velocity_mps = *velocity_mps;
                 Outcome::Fused
             }
-            Payload::Depth { depth_m, .. } => {
+            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
                 self.link.radio.set_depth(*depth_m);
                 Outcome::Fused
             }
@@ -173,8 +173,11 @@ impl<const K: usize> Navigator for Mpf<K> {
         self.link.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
-    fn takes_ranges(&self) -> bool {
-        self.options.range.is_some()
+    fn profile(&self) -> Profile {
+        let ranges = self.options.range.is_some();
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

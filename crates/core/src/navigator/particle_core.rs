@@ -45,7 +45,7 @@ pub struct ParticleCore<const K: usize> {
 /// A fix that contradicts the belief by more than this (χ² of two degrees of freedom, 5e-6) is gated …
 const FIX_GATE: f64 = 24.0;
 /// … but this many in a row are believed: a lost vehicle that surfaces must be able to start anew.
-const FIXES_BELIEVED: u32 = 3;
+pub(in crate::navigator) const FIXES_BELIEVED: u32 = 3;
 /// No fix is better than a decimetre per axis, m².
 const FIX_FLOOR_M2: f64 = 0.01;
 /// Share of the weight that must have a chart for a sounding to be used.
@@ -202,6 +202,12 @@ impl<const K: usize> ParticleCore<K> {
     #[must_use]
     pub fn displacement_since(&self, t_ns: i64) -> Option<[f64; 2]> {
         self.trajectory.as_ref().and_then(|t| t.since(t_ns))
+    }
+
+    /// Whether it knows where the vehicle was at `t_ns`, relative to where it is.
+    #[must_use]
+    pub fn remembers(&self, t_ns: i64) -> bool {
+        self.started() && self.displacement_since(t_ns).is_some()
     }
 
     /// Gives particles without a likelihood (NaN: over a hole, off the chart) the mean likelihood of those that have one.

@@ -188,7 +188,7 @@ impl Odometer {
     /// Odometry since the last one, as logged by another system; the time between has no rates of its own.
     pub fn odometry(&mut self, displacement_m: [f64; 2], yaw_change_rad: f64, covariance: [f64; 6]) {
         let (Some(now_ns), false) = (self.now_ns, self.landed) else { return };
-        let start_ns = self.last_odometry_ns.replace(now_ns).unwrap_or(now_ns - 1);
+        let start_ns = self.last_odometry_ns.replace(now_ns).unwrap_or(now_ns.saturating_sub(1));
         let dt_s = seconds(now_ns.saturating_sub(start_ns)).max(1e-9);
         let rates = Rates {
             velocity_mps: displacement_m.map(|d| d / dt_s),
@@ -247,8 +247,9 @@ impl Odometer {
         for stretch in &self.recent {
             let start_ns = stretch.start_ns.max(from_ns);
             if stretch.end_ns > start_ns {
-                motion.extend(&stretch.rates, seconds(stretch.end_ns - start_ns));
-                let share = seconds(stretch.end_ns - start_ns) / seconds(stretch.end_ns - stretch.start_ns);
+                let lasted_s = seconds(stretch.end_ns.saturating_sub(start_ns));
+                motion.extend(&stretch.rates, lasted_s);
+                let share = lasted_s / seconds(stretch.end_ns.saturating_sub(stretch.start_ns));
                 motion.drift(stretch.drift_m2 * share);
             }
         }

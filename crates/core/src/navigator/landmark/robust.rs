@@ -19,9 +19,9 @@ use super::particles::JointParticles;
 use super::role_exchange::RoleExchange;
 use super::stationary_gyro::StationaryGyro;
 use crate::error::Error;
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status, check_event};
+use crate::navigator::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};
 use crate::random::{Purpose, Stream, Streams};
 
 /// Which coordinates of a packet are angles.
@@ -30,6 +30,18 @@ pub const PACKET_ANGLES: [bool; 6] = [false, false, true, false, true, true];
 const FIX_GATE: f64 = 24.0;
 /// Variance of a yaw of which nothing is known: uniform on the circle.
 const UNKNOWN_YAW: f64 = std::f64::consts::PI * std::f64::consts::PI / 3.0;
+
+/// Kinds of events that it reads beside positionings and packets.
+const ROBUST_KINDS: Kinds = Kinds::of(&[
+    Kind::GroundVelocity,
+    Kind::TurnRate,
+    Kind::Odometry,
+    Kind::Fix,
+    Kind::Heading,
+    Kind::Landed,
+    Kind::LiftedOff,
+    Kind::RoleTaken,
+]);
 
 /// Numbers for pictures and tables.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -263,8 +275,14 @@ impl Navigator for Landmark {
         launched
     }
 
-    fn has_checksum(&self) -> bool {
-        self.options.packet.has_checksum()
+    fn profile(&self) -> Profile {
+        let exchanges = self.options.use_fixes;
+        Profile {
+            takes_ranges: false,
+            has_checksum: self.options.packet.has_checksum(),
+            needs_delivery_oracle: false,
+            uses: ROBUST_KINDS.with(Kind::AcousticFix, exchanges).with(Kind::Reception, exchanges),
+        }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

@@ -10,6 +10,7 @@ mod group;
 mod options;
 mod outgoing_data;
 mod packet_updates;
+mod plausibility;
 mod position_history;
 mod reception;
 mod resampling;
@@ -26,10 +27,10 @@ use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
 use crate::packet::{CRC_BYTES, TEAM_MAX, TeamLayout, TeamReport};
 use group::Group;
@@ -49,6 +50,8 @@ pub struct Teammate {
     pub sequence: u8,
     /// Distance travelled since its last sounding that was used, m.
     pub since_sounding_m: Option<f64>,
+    /// Fixes in a row that it told and that contradict its block.
+    pub contradicting_fixes: u32,
 }
 
 /// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) own linear states.
@@ -178,7 +181,7 @@ impl<const K: usize> Team<K> {
         }
         let step = core.advance(t_ns);
         if let Some(current) = &mut self.state.current {
-            let dt_s = seconds(t_ns - before_ns);
+            let dt_s = seconds(t_ns.saturating_sub(before_ns));
             current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
         }
         if step.is_some() && self.options.use_ranges {
@@ -236,7 +239,7 @@ impl<const K: usize> Team<K> {
                 self.terrain.state.core.velocity_mps = *velocity_mps;
                 Outcome::Fused
             }
-            Payload::Depth { depth_m, .. } => {
+            Payload::Depth { depth_m, .. } if self.options.use_ranges => {
                 self.radio.set_depth(*depth_m);
                 Outcome::Fused
             }
@@ -316,6 +319,13 @@ impl<const K: usize> Navigator for Team<K> {
         self.radio = radio;
         self.state = state;
         Ok(())
+    }
+
+    fn profile(&self) -> Profile {
+        let ranges = self.options.use_ranges;
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn particles(&self) -> Option<Particles> {
