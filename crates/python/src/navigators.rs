@@ -6,6 +6,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use uwcoop_core::navigator::authenticated::Authenticated;
+use uwcoop_core::navigator::clock::ClockOptions;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
 use uwcoop_core::navigator::drift::Drift;
@@ -164,7 +165,21 @@ impl Options<'_, '_> {
             sigma_m: self.number("sigma_range_m")?,
             gate_sigmas: self.maybe("range_gate_sigmas")?.unwrap_or(f64::INFINITY),
             entropy_sigma_m: self.maybe("entropy_sigma_m")?,
+            clock: self.clock()?,
         }))
+    }
+
+    pub(crate) fn clock(&self) -> PyResult<ClockOptions> {
+        let table: Bound<'_, PyDict> =
+            self.0.get_item("clock")?.ok_or_else(|| argument("option clock is missing".into()))?.extract()?;
+        let clock = Options(&table);
+        Ok(ClockOptions {
+            offset_sigma_s: clock.number("offset_sigma_s")?,
+            drift_sigma_ppm: clock.number("drift_sigma_ppm")?,
+            sound_speed_sigma_mps: clock.number("sound_speed_sigma_mps")?,
+            late_share: clock.number("late_share")?,
+            lateness_m: clock.number("lateness_m")?,
+        })
     }
 
     fn packet(&self) -> PyResult<PacketKind> {

@@ -31,6 +31,8 @@ fn team_navigator(
         use_ranges: named.flag("use_ranges")?,
         sigma_range_m: named.number("sigma_range_m")?,
         range_gate_sigmas: named.maybe("range_gate_sigmas")?.unwrap_or(f64::INFINITY),
+        clock: named.clock()?,
+        referee_nat: named.number("referee_nat")?,
         frame_bytes: named.count("frame_bytes")?,
         tag_bytes: named.count("tag_bytes")?,
         packet_f64: match named.word("packet")?.as_str() {

@@ -6,6 +6,7 @@ Sources: Tan, Chitre & Hover (2016), Table 1 and section 3–4, for `dmpf`; the 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -81,9 +82,57 @@ class DeadReckoningOptions(DriftOptions):
     """Options of `dead-reckoning`."""
 
 
+class ClockOptions(BaseModel):
+    """What may be wrong with one-way ranges. None takes what the scenario's `acoustics` says; 0 rules it out."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    offset_sigma_s: NonNegative | None = None
+    """Sigma of each vehicle's clock error at the start of the mission."""
+    drift_sigma_ppm: NonNegative | None = None
+    """Sigma of each clock's drift."""
+    sound_speed_sigma_mps: NonNegative | None = None
+    """Sigma of the sound speed's error."""
+    late_share: Annotated[float, Field(ge=0, le=0.9)] | None = None
+    """Share of ranges that come late by a longer way."""
+    lateness_m: Positive | None = None
+    """Mean lateness of those."""
+
+
+CLOCK_AGREES: dict[str, float] = {
+    "offset_sigma_s": 0.0,
+    "drift_sigma_ppm": 0.0,
+    "sound_speed_sigma_mps": 0.0,
+    "late_share": 0.0,
+    "lateness_m": 20.0,
+}
+"""Clocks that agree, a sound speed that is known, no late arrivals."""
+
+
+def clock_of(acoustics: Mapping[str, Any]) -> dict[str, float]:
+    """What a user who knows the hardware and the water says of them: a scenario's `acoustics` table as `ClockOptions`.
+
+    Two-way ranging has no use for what clocks differ by. What is off by a given amount, and not by a sigma, no user knows.
+    """
+    clock, outlier = acoustics.get("clock", {}), acoustics.get("range_outlier_m", {})
+    mean_m = outlier.get("mean", CLOCK_AGREES["lateness_m"])
+    if outlier.get("distribution") == "uniform":
+        mean_m = (outlier["low"] + outlier["high"]) / 2
+    one_way = acoustics.get("ranging", "one-way") == "one-way"
+    return {
+        "offset_sigma_s": clock.get("offset_sigma_s", 0.0) if one_way else 0.0,
+        "drift_sigma_ppm": clock.get("drift_sigma_ppm", 0.0) if one_way else 0.0,
+        "sound_speed_sigma_mps": acoustics.get("sound_speed_error_sigma_mps", 0.0),
+        "late_share": min(acoustics.get("range_outlier_share", 0.0), 0.9),
+        "lateness_m": mean_m,
+    }
+
+
 class FilterOptions(DriftOptions):
     """What both particle filters have."""
 
+    clock: ClockOptions = ClockOptions()
+    """What may be wrong with one-way ranges; filled from `acoustics`."""
     particles: Annotated[int, Field(ge=10, le=10_000_000)] = 600
     resample_share: Share = 2 / 3
     """Resample when the effective sample size falls to this share of the particles (14)."""
@@ -93,6 +142,12 @@ class FilterOptions(DriftOptions):
     """Ranges that contradict the cloud by more than this many sigmas are gated and counted; None: never."""
     entropy_sigma_m: Positive | None = None
     """Kernel width of the entropies (20)-(21) that say what a range told; set by `diagnostics.entropy`."""
+
+    def native(self, correlation_length_m: float) -> dict[str, Any]:
+        """As the base; what is not said of the clocks agrees."""
+        values = super().native(correlation_length_m)
+        values["clock"] = CLOCK_AGREES | {k: v for k, v in values["clock"].items() if v is not None}
+        return values
 
 
 class DmpfOptions(FilterOptions):

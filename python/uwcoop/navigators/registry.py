@@ -22,6 +22,7 @@ from uwcoop.navigators.options import (
     DmpfOptions,
     DriftOptions,
     MpfOptions,
+    clock_of,
 )
 from uwcoop.navigators.origin import (
     OriginOptions,
@@ -227,6 +228,10 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     packet = (scenario or {}).get("acoustics", {}).get("packet")
     if packet is not None and "packet_form" in model.model_fields:
         own.setdefault("packet_form", packet)
+    if "clock" in model.model_fields:
+        method = own.get("range_method", model.model_fields["range_method"].default)
+        known = clock_of((scenario or {}).get("acoustics", {})) if method == "gaussian" else {}
+        own["clock"] = known | dict(own.get("clock", {}))
     # A packet that is laid out for its frame keeps the tag's room.
     tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
     if tags and "tag_bytes" in model.model_fields:

@@ -19,6 +19,9 @@ class TeamOptions(MpfOptions):
     particles: Annotated[int, Field(ge=10, le=10_000_000)] = 1500
     packet: Literal["rounded", "f64"] = "rounded"
     """Own data since the last broadcast, in one frame; or the same as float64, for studies."""
+    referee_nat: NonNegative = 10.0
+    """Evidence by which `mpf` without ranges, run beside, must explain the own soundings better before the vehicle starts
+    anew from it; a false alarm has a chance of e to the minus this. 0: it is not run."""
     frame_bytes: Annotated[int, Field(ge=16, le=256)] = 32
     """Bytes of a packet, tag or checksum included; larger teams thin their soundings to fit."""
     tag_bytes: Annotated[int, Field(ge=0, le=32)] = 4

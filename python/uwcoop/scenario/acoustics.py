@@ -116,6 +116,8 @@ class Acoustics(Table):
         ExponentialOutlier()
     )
     """By how much they are too long, metres."""
+    range_outlier_hold_s: NonNegative = 0.0
+    """How long two vehicles stay in a geometry that has a longer way, or has none; 0: each range by its own chance."""
     loss: Loss = NoLoss()
     losses: Annotated[tuple[Loss, ...], Field(strict=False)] = ()
     """Further losses: a frame must survive them all."""

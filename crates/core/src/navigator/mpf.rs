@@ -21,6 +21,7 @@ use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
 use crate::kernels::lookup::bilinear;
 use crate::kernels::pattern::{Pattern, pattern_depths};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
+use crate::measurement::sounding::{LEAST_SIGMA_M, sharing_error};
 use crate::packet::PacketKind;
 use crate::random::{Purpose, Streams};
 
@@ -80,12 +81,6 @@ pub struct MpfOptions {
     pub drift: Drift,
 }
 
-/// Soundings that share a chart error when a vehicle hardly moves: enough to make one count for nothing.
-const MOST_SHARED: f64 = 1e6;
-
-/// No echo sounder is better than a millimetre, m.
-const LEAST_SIGMA_M: f64 = 1e-3;
-
 /// Two vehicles at one place have no direction between them, m.
 const LEAST_DISTANCE_M: f64 = 1e-6;
 
@@ -122,6 +117,8 @@ struct Scratch {
     variance: Vec<f64>,
     innovation: Vec<f64>,
     innovation_variance: Vec<f64>,
+    /// ln Σ w exp(log-likelihood) of the last event, where that was a sounding that was weighed, nat.
+    evidence_nat: Option<f64>,
 }
 
 impl<const K: usize> Mpf<K> {
@@ -172,6 +169,23 @@ impl<const K: usize> Mpf<K> {
         (mean, weighted_mean(w, &cloud.offset_variance) + weighted_covariance(w, b, mean, b, mean))
     }
 
+    /// How well the cloud explained the last sounding, before it took it up: ln Σ w exp(log-likelihood), nat. `None` where
+    /// that was not weighed.
+    pub(super) fn evidence_nat(&self) -> Option<f64> {
+        self.scratch.evidence_nat
+    }
+
+    /// The own cloud, and what belongs to it, become those of `other`.
+    pub(super) fn become_cloud_of(&mut self, other: &Self) {
+        let (mine, theirs) = (&mut self.state, &other.state);
+        let (rejected, restarts, nat) = (mine.core.rejected, mine.core.restarts, mine.core.information_nat);
+        mine.core.become_core(&theirs.core);
+        (mine.core.rejected, mine.core.restarts, mine.core.information_nat) = (rejected, restarts, nat);
+        mine.sounded_at_m = theirs.sounded_at_m;
+        mine.health = theirs.health;
+        mine.last_alarm_ns = theirs.last_alarm_ns;
+    }
+
     fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let outcome = self.weigh_fix(position_m, covariance_m2);
         self.resample();
@@ -207,6 +221,7 @@ impl<const K: usize> Mpf<K> {
         water_depth_m: f64,
         sensor_sigma_m: f64,
     ) -> (Outcome, Option<f64>) {
+        self.scratch.evidence_nat = None;
         let core = &mut self.state.core;
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
             return (Outcome::Noted, None);
@@ -217,7 +232,7 @@ impl<const K: usize> Mpf<K> {
             return (Outcome::Noted, None);
         }
         let correlation_m = self.options.correlation_length_m.unwrap_or(chart.correlation_length_m());
-        let shared = apart_m.map_or(1.0, |d| (2.0 * correlation_m / d.max(1e-9)).clamp(1.0, MOST_SHARED));
+        let shared = sharing_error(correlation_m, apart_m);
         let mut model = OffsetModel {
             sigma_m: self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).max(LEAST_SIGMA_M),
             shared,
@@ -249,7 +264,7 @@ impl<const K: usize> Mpf<K> {
             *b += c;
         }
         core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
-        core.cloud.reweight(column);
+        self.scratch.evidence_nat = core.cloud.reweight_evidence(column);
         (Outcome::Fused, health)
     }
 
@@ -290,11 +305,13 @@ impl<const K: usize> Mpf<K> {
 
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
+        let standing_m2 = self.state.radio.standing_m2(&range.clock, tol_ns, toa_ns);
+        let range = range.inflated(standing_m2);
         let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
         };
-        let share = self.new_share(sender, tol_ns, &heard);
+        let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
             self.state.range_novelty.heard(sender, tol_ns, heard.said.moments().1);
@@ -305,8 +322,8 @@ impl<const K: usize> Mpf<K> {
 }
 
 impl<const K: usize> Mpf<K> {
-    /// Share of this belief that counts: all of it, or what is new.
-    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief) -> f64 {
+    /// Share of this belief that counts: all of it, or what is new beside a standing error.
+    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief, standing_m2: f64) -> f64 {
         let (true, Some(before_ns)) = (self.options.range_news, self.state.range_novelty.heard_at(sender))
         else {
             return 1.0;
@@ -319,7 +336,7 @@ impl<const K: usize> Mpf<K> {
         let direction = [de / distance_m, dn / distance_m];
         // A teammate drifts as this vehicle does: its packets have no room for more.
         let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before_ns)));
-        self.state.range_novelty.share(sender, covariance_m2, direction, &growth)
+        self.state.range_novelty.share(sender, covariance_m2, direction, &growth, standing_m2)
     }
 }
 
@@ -347,7 +364,7 @@ impl MpfOptions {
         non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
         non_negative("least_ess_share", self.least_ess_share)?;
         if let Some(range) = &self.range {
-            positive("sigma_range_m", range.sigma_m)?;
+            range.validate()?;
         }
         Ok(())
     }

@@ -11,7 +11,10 @@ mod options;
 mod outgoing_data;
 mod packet_updates;
 mod position_history;
+mod range_record;
+mod ranges;
 mod reception;
+mod referee;
 mod resampling;
 mod shared_current;
 
@@ -26,14 +29,17 @@ use super::mpf::{Mpf, MpfOptions, MpfState};
 use super::snapshot::{load, save};
 use super::{Estimate, Navigator, Outcome, Particles, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, positive};
+use crate::error::{Error, non_negative, positive};
 use crate::event::{Event, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
+use crate::kernels::team::BlockLayout;
 use crate::packet::{CRC_BYTES, TEAM_MAX, TeamLayout, TeamReport};
 use group::Group;
 use outgoing_data::OutgoingData;
 use packet_updates::PacketUpdates;
 use position_history::PositionHistory;
+use range_record::RangeRecord;
+use referee::Referee;
 use shared_current::SharedCurrent;
 
 /// A teammate that was heard.
@@ -55,6 +61,8 @@ pub struct Team<const K: usize> {
     options: TeamOptions,
     layout: TeamLayout,
     filled: Option<Vec<Paired>>,
+    /// The filter without ranges; none where it is not to judge.
+    lone: Option<Mpf<K>>,
     state: TeamState<K>,
     scratch: Scratch,
 }
@@ -67,6 +75,8 @@ struct TeamState<const K: usize> {
     history: PositionHistory,
     current: Option<SharedCurrent<K>>,
     sigma_sounding_m: Option<f64>,
+    referee: Referee,
+    ranges: RangeRecord,
 }
 
 #[derive(Default)]
@@ -76,6 +86,8 @@ struct Scratch {
     lanes: Vec<[f64; crate::kernels::team::LANES]>,
     rows: Vec<f64>,
     innovation: [Vec<f64>; 2],
+    mean: Vec<f64>,
+    usable: Vec<(i64, f64, packet_updates::Target)>,
     own: [Vec<f64>; 2],
     normals: [Vec<f64>; 8],
     current: [Vec<f64>; 2],
@@ -95,6 +107,8 @@ impl<const K: usize> Team<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         positive("sigma_range_m", options.sigma_range_m)?;
+        non_negative("referee_nat", options.referee_nat)?;
+        options.clock.validate()?;
         if vehicles > usize::from(TEAM_MAX) {
             let value = vehicles as f64;
             return Err(Error::OutOfBound { quantity: "vehicles of a team", value, bound: "1 to 16" });
@@ -117,16 +131,25 @@ impl<const K: usize> Team<K> {
             ..options.core
         };
         let groups = vehicles.saturating_sub(1).div_ceil(options.group_size);
+        let states =
+            BlockLayout { scale: options.clock.sound_speed_sigma_mps > 0.0, clock: options.clock.differ() };
+        let judged = options.use_ranges && options.referee_nat > 0.0 && chart.is_some();
+        let lone = judged
+            .then(|| Mpf::new(own, vehicles, core, chart.clone(), sound_speed_mps, seed))
+            .transpose()?;
         Ok(Self {
             state: TeamState {
                 outgoing: OutgoingData::new(vehicles),
                 mates: vec![None; vehicles],
-                groups: (0..groups).map(|_| Group::new(options.core.particles)).collect(),
+                groups: (0..groups).map(|_| Group::new(options.core.particles, states)).collect(),
                 history: PositionHistory::default(),
                 current: (options.current_difference < 1.0)
                     .then(|| SharedCurrent::new(options.core.particles, vehicles)),
                 sigma_sounding_m: None,
+                referee: Referee::default(),
+                ranges: RangeRecord::default(),
             },
+            lone,
             mpf: Mpf::new(own, vehicles, core, chart, sound_speed_mps, seed)?,
             layout,
             filled,
@@ -208,6 +231,7 @@ impl<const K: usize> Team<K> {
                 self.resample();
             }
         }
+        self.judge();
         outcome
     }
 
@@ -227,6 +251,9 @@ impl<const K: usize> Navigator for Team<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.mpf.own, self.mpf.state.core.now_ns())?;
         self.mpf.state.radio.check_sender(&event.payload)?;
+        if let (Some(lone), false) = (&mut self.lone, matches!(event.payload, Payload::Reception { .. })) {
+            lone.handle(event)?;
+        }
         self.state.outgoing.advance(event.t_ns, self.mpf.state.core.velocity_mps);
         self.advance(event.t_ns);
         match &event.payload {
@@ -280,22 +307,34 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
-        save(&(&self.mpf.state, &self.state))
+        save(&(&self.mpf.state, &self.state, self.lone.as_ref().map(|lone| &lone.state)))
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let (mpf, state): (MpfState<K>, TeamState<K>) = load(snapshot)?;
+        let (mpf, state, lone): (MpfState<K>, TeamState<K>, Option<MpfState<K>>) = load(snapshot)?;
         if state.groups.len() != self.state.groups.len() || state.mates.len() != self.state.mates.len() {
             return Err(Error::Snapshot("made with another team".into()));
         }
         let (particles, vehicles) = (self.options.core.particles, self.state.mates.len());
-        state.groups.iter().try_for_each(|g| g.check(particles))?;
+        for (theirs, own) in state.groups.iter().zip(&self.state.groups) {
+            theirs.check(particles, own.layout)?;
+        }
+        self.mpf.state.core.check_same(&mpf.core)?;
+        self.mpf.state.radio.check_same(&mpf.radio)?;
         let shared = state.current.as_ref().map(|c| c.fits(particles, vehicles));
         if !state.history.fits(particles)
             || shared.is_some() != self.state.current.is_some()
             || shared == Some(false)
         {
             return Err(Error::Snapshot("made with another team".into()));
+        }
+        match (&mut self.lone, lone) {
+            (None, None) => {}
+            (Some(lone), Some(theirs)) => {
+                lone.state.core.check_same(&theirs.core)?;
+                lone.state = theirs;
+            }
+            _ => return Err(Error::Snapshot("made with another referee".into())),
         }
         self.mpf.state = mpf;
         self.state = state;
@@ -308,5 +347,14 @@ impl<const K: usize> Navigator for Team<K> {
 
     fn information_nat(&self) -> f64 {
         self.mpf.information_nat()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut all = self.state.ranges.diagnostics(self.options.clock.late().is_some());
+        if self.lone.is_some() {
+            all.extend(self.state.referee.diagnostics());
+        }
+        all.extend(self.clock_diagnostics());
+        all
     }
 }
