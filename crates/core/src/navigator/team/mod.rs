@@ -154,7 +154,7 @@ impl<const K: usize> Team<K> {
             layout,
             filled,
             options,
-            scratch: Scratch::default(),
+            scratch: Scratch { usable: Vec::with_capacity(vehicles), ..Scratch::default() },
         })
     }
 

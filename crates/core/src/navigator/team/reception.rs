@@ -248,8 +248,12 @@ impl<const K: usize> Team<K> {
     fn run(&mut self, index: usize, base: usize, n: usize) {
         let options = &self.options.core;
         let weighing = self.scratch.updates.ops.iter().filter(|op| op.weighs()).count();
-        self.scratch.rows.resize(weighing * n, 0.0);
-        self.scratch.innovation.iter_mut().for_each(|c| c.resize(weighing * n, 0.0));
+        // At once for the fullest packet: later ones must not allocate.
+        let most = self.layout.soundings() + self.state.mates.len() + 2;
+        for column in self.scratch.innovation.iter_mut().chain([&mut self.scratch.rows]) {
+            column.reserve((most * n).saturating_sub(column.len()));
+            column.resize(weighing * n, 0.0);
+        }
         self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
         let cloud = &self.mpf.state.core.cloud;
         let launch = self.state.history.launch.as_ref();
