@@ -71,12 +71,12 @@ SCENARIOS = Page(
             "mpf",
             (
                 "--vary",
-                "navigator.mpf.range_news=true,false",
+                "navigator.mpf.range_novelty=true,false",
                 "--vary",
                 "navigator.mpf.range_temper=0.1,0.5,1.0",
             ),
             note="A fused belief that is heard again is not new: counted in full it makes the team overconfident. With "
-            "`range_news` a range weighs by how much of the sender's error was renewed since it was last heard, times "
+            "`range_novelty` a range weighs by how much of the sender's error was renewed since it was last heard, times "
             "`range_temper`, which is 0.5 by default in a team of three; without it, `range_temper` alone decides.",
             slug="news",
         ),

@@ -11,6 +11,7 @@ use uwcoop_core::navigator::dmpf::DmpfOptions;
 use uwcoop_core::navigator::drift::Drift;
 use uwcoop_core::navigator::mpf::MpfOptions;
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
+use uwcoop_core::navigator::terrain_core::TerrainOptions;
 use uwcoop_core::packet::PacketKind;
 
 /// Side of the chart, nodes of 1 m.
@@ -87,17 +88,20 @@ pub fn dmpf_options(particles: usize) -> DmpfOptions {
 #[must_use]
 pub fn mpf_options(particles: usize) -> MpfOptions {
     MpfOptions {
-        particles,
-        resample_share: 2.0 / 3.0,
-        sigma_depth_m: None,
-        sigma_offset0_m: 1.0,
-        sigma_offset_m_per_sounding: 0.005,
-        student_dof: 4.0,
-        correlation_length_m: Some(10.0),
-        sigma_map_m: Some(0.1),
-        sounding_spacing_m: 0.0,
-        least_ess_share: 0.02,
-        monitor: None,
+        terrain: TerrainOptions {
+            particles,
+            resample_share: 2.0 / 3.0,
+            sigma_depth_m: None,
+            sigma_offset0_m: 1.0,
+            sigma_offset_m_per_sounding: 0.005,
+            student_dof: 4.0,
+            correlation_length_m: Some(10.0),
+            sigma_map_m: Some(0.1),
+            sounding_spacing_m: 0.0,
+            least_ess_share: 0.02,
+            monitor: None,
+            drift: drift(),
+        },
         range: Some(RangeOptions {
             method: RangeMethod::Gaussian { temper: 1.0 },
             sigma_m: 1.0,
@@ -105,9 +109,8 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
             entropy_sigma_m: None,
             clock: ClockOptions::default(),
         }),
-        range_news: true,
+        range_novelty: true,
         packet: PacketKind::Belief,
-        drift: drift(),
     }
 }
 

@@ -116,7 +116,7 @@ def test_ranges_over_a_bottom_that_tells_nothing_make_nobody_certain() -> None:
     for figure in ("anees", "anees_median"):
         assert 0.7 < pooled["mpf"][figure] / pooled["dead-reckoning"][figure] < 1.4
     assert pooled["mpf"]["median_rmse_m"] < 1.2 * pooled["dead-reckoning"]["median_rmse_m"]
-    alike = ("navigator.mpf.range_news=false", "navigator.mpf.range_temper=0.5")
+    alike = ("navigator.mpf.range_novelty=false", "navigator.mpf.range_temper=0.5")
     _, _, rows = runs("st-john-drift", ("mpf",), 10, (*NOTHING_TO_SEE, *alike))
     assert metrics.pool(rows)["mpf"]["anees_median"] > 50
 

@@ -10,8 +10,9 @@ use uwcoop_core::navigator::clock::ClockOptions;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
 use uwcoop_core::navigator::drift::Drift;
-use uwcoop_core::navigator::mpf::{MonitorOptions, Mpf, MpfOptions};
+use uwcoop_core::navigator::mpf::{Mpf, MpfOptions};
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
+use uwcoop_core::navigator::terrain_core::{MonitorOptions, TerrainOptions};
 use uwcoop_core::navigator::{Estimate as CoreEstimate, Navigator as CoreNavigator, Outcome, Status};
 use uwcoop_core::packet::PacketKind;
 use uwcoop_core::packet::layout::record;
@@ -224,18 +225,17 @@ impl Options<'_, '_> {
     }
 
     fn mpf(&self) -> PyResult<MpfOptions> {
-        let core = self.mpf_core(None)?;
         Ok(MpfOptions {
+            terrain: self.terrain(None)?,
             range: self.range()?,
-            range_news: self.flag("range_news")?,
+            range_novelty: self.flag("range_novelty")?,
             packet: self.packet()?,
-            ..core
         })
     }
 
-    /// `mpf` without what it sends and hears; a drift of its own wins over the options'.
-    pub(crate) fn mpf_core(&self, drift: Option<Drift>) -> PyResult<MpfOptions> {
-        Ok(MpfOptions {
+    /// The terrain core; a drift of its own wins over the options'.
+    pub(crate) fn terrain(&self, drift: Option<Drift>) -> PyResult<TerrainOptions> {
+        Ok(TerrainOptions {
             particles: self.count("particles")?,
             resample_share: self.number("resample_share")?,
             sigma_depth_m: self.maybe("sigma_depth_m")?,
@@ -247,9 +247,6 @@ impl Options<'_, '_> {
             sounding_spacing_m: self.number("sounding_spacing_m")?,
             least_ess_share: self.number("least_ess_share")?,
             monitor: self.monitor()?,
-            range: None,
-            range_news: false,
-            packet: PacketKind::Belief,
             drift: drift.map_or_else(|| self.drift(), Ok)?,
         })
     }

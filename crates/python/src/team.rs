@@ -24,9 +24,9 @@ fn team_navigator(
     let drifts: Vec<Bound<'_, PyDict>> =
         options.get_item("drifts")?.ok_or_else(|| argument("option drifts is missing".into()))?.extract()?;
     let drifts = drifts.iter().map(|d| Options(d).drift()).collect::<PyResult<Vec<Drift>>>()?;
-    let core = named.mpf_core(drifts.get(usize::from(vehicle)).copied())?;
+    let terrain = named.terrain(drifts.get(usize::from(vehicle)).copied())?;
     let team = TeamOptions {
-        core,
+        terrain,
         drifts,
         use_ranges: named.flag("use_ranges")?,
         sigma_range_m: named.number("sigma_range_m")?,

@@ -6,10 +6,12 @@ Sources: Tan, Chitre & Hover (2016), Table 1 and section 3–4, for `dmpf`; the 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
+
+if TYPE_CHECKING:
+    from uwcoop.scenario.acoustics import Acoustics
 
 DRIFT_PRESETS: dict[str, dict[str, float]] = {
     # Tan, Chitre & Hover (2016), Table 1; the paper does not give the priors of the current and the biases.
@@ -109,22 +111,18 @@ CLOCK_AGREES: dict[str, float] = {
 """Clocks that agree, a sound speed that is known, no late arrivals."""
 
 
-def clock_of(acoustics: Mapping[str, Any]) -> dict[str, float]:
-    """What a user who knows the hardware and the water says of them: a scenario's `acoustics` table as `ClockOptions`.
+def clock_of(acoustics: Acoustics) -> dict[str, float]:
+    """What a user who knows the hardware and the water says of them, as `ClockOptions`.
 
     Two-way ranging has no use for what clocks differ by. What is off by a given amount, and not by a sigma, no user knows.
     """
-    clock, outlier = acoustics.get("clock", {}), acoustics.get("range_outlier_m", {})
-    mean_m = outlier.get("mean", CLOCK_AGREES["lateness_m"])
-    if outlier.get("distribution") == "uniform":
-        mean_m = (outlier["low"] + outlier["high"]) / 2
-    one_way = acoustics.get("ranging", "one-way") == "one-way"
+    one_way, clock = acoustics.ranging == "one-way", acoustics.clock
     return {
-        "offset_sigma_s": clock.get("offset_sigma_s", 0.0) if one_way else 0.0,
-        "drift_sigma_ppm": clock.get("drift_sigma_ppm", 0.0) if one_way else 0.0,
-        "sound_speed_sigma_mps": acoustics.get("sound_speed_error_sigma_mps", 0.0),
-        "late_share": min(acoustics.get("range_outlier_share", 0.0), 0.9),
-        "lateness_m": mean_m,
+        "offset_sigma_s": clock.offset_sigma_s if one_way else 0.0,
+        "drift_sigma_ppm": clock.drift_sigma_ppm if one_way else 0.0,
+        "sound_speed_sigma_mps": acoustics.sound_speed_error_sigma_mps,
+        "late_share": min(acoustics.range_outlier_share, 0.9),
+        "lateness_m": acoustics.range_outlier_m.mean_m,
     }
 
 
@@ -196,12 +194,12 @@ class MpfOptions(FilterOptions):
     bias_states: bool = False
     """Compass and thrust bias as further Kalman states."""
     range_method: Literal["gaussian"] = "gaussian"
-    range_news: bool = True
+    range_novelty: bool = True
     """A teammate's position is wrong by an error that lasts: of its range counts what the error's renewal since it was
     last heard makes new. Off: every range counts alike."""
     range_temper: Share | None = None
     """Further exponent of the range likelihood. None: 1 over the number of teammates, who may all pass on the same
-    news; 0.05 without `range_news`."""
+    news; 0.05 without `range_novelty`."""
     range_gate_sigmas: Positive | None = 6.0
     monitor: bool = True
     """Spread the cloud when its soundings have contradicted it for long."""
@@ -219,7 +217,7 @@ class MpfOptions(FilterOptions):
         values = super().native(correlation_length_m)
         length = correlation_length_m if self.correlation_length_m is None else self.correlation_length_m
         white = length == 0
-        if self.range_temper is None and not self.range_news:
+        if self.range_temper is None and not self.range_novelty:
             values["range_temper"] = 0.05
         if self.student_dof is None:
             values["student_dof"] = math.inf if white else 4.0

@@ -54,7 +54,9 @@ def _ranges(context: Context) -> bool:
     return context.ranging[context.vehicle] if context.ranging else True
 
 
-def cekf(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> _native.CentralEstimator:
+def cekf(
+    context: Context, options: Mapping[str, Any], _chart: _native.Chart | None
+) -> _native.CentralEstimator:
     """One estimator for the team."""
     ranging = list(context.ranging) or [True] * context.vehicles
     return _native.cekf(dict(options), ranging, context.sound_speed_mps)

@@ -45,7 +45,7 @@ class TwoWay(Table):
     """What a poll costs. Used when ranging is "two-way"."""
 
     poll_bytes: Annotated[int, Field(ge=1, le=64)] = 2
-    """A short signal of its own: who asks whom."""
+    """A short signal of its own: the poller and the vehicle polled."""
     turnaround_s: NonNegative = 0.1
     """From the end of a poll to the earliest launch of the reply."""
 
@@ -59,6 +59,11 @@ class ExponentialOutlier(Table):
     def quantile(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Metres, below which this share of the outliers lies."""
         return np.asarray(-self.mean * np.log1p(-share))
+
+    @property
+    def mean_m(self) -> float:
+        """Mean, metres."""
+        return self.mean
 
 
 class UniformOutlier(Table):
@@ -77,6 +82,11 @@ class UniformOutlier(Table):
     def quantile(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Metres, below which this share of the outliers lies."""
         return np.asarray(self.low + (self.high - self.low) * share)
+
+    @property
+    def mean_m(self) -> float:
+        """Mean, metres."""
+        return (self.low + self.high) / 2
 
 
 class Acoustics(Table):

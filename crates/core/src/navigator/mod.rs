@@ -14,6 +14,7 @@ pub mod range;
 pub mod range_novelty;
 pub mod snapshot;
 pub mod team;
+pub mod terrain_core;
 pub mod trajectory;
 
 use std::sync::Arc;

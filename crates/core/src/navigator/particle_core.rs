@@ -1,4 +1,4 @@
-//! The marginalised particle core of `dmpf` and `mpf`: particles for the position, a Gaussian for the drift.
+//! The marginalised particle core of `dmpf`, `mpf` and `team`: particles for the position, a Gaussian for the drift.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};

@@ -28,7 +28,7 @@ pub struct Radio {
 /// A slant range this many sigmas shorter than the difference of the depths is refused.
 pub(in crate::navigator) const SLANT_GATES: f64 = 4.0;
 
-/// What a teammate said of its own position at launch.
+/// A teammate's belief about its own position at launch, as its packet holds it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BroadcastBelief {
     /// A Gaussian.
@@ -42,7 +42,7 @@ pub enum BroadcastBelief {
 /// A teammate's belief with the measured horizontal range to where it was.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeardBelief {
-    /// What the teammate believes of itself at launch.
+    /// The teammate's belief at launch.
     pub said: BroadcastBelief,
     /// Horizontal range from the teammate at launch to this vehicle at arrival, m.
     pub range_m: f64,
@@ -202,7 +202,7 @@ impl Radio {
                 let packet = BeliefPacket::decode(bytes, sender, tol_ns).ok()?;
                 (packet.header, BroadcastBelief::Gaussian(packet.belief))
             }
-            // What other families of navigators say.
+            // Packets of other families of navigators.
             _ => return None,
         };
         let range = range_m(tol_ns, toa_ns, self.sound_speed_mps).and_then(|slant_m| {

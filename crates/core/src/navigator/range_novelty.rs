@@ -1,10 +1,10 @@
-//! How much of what a teammate says is new to a vehicle that has heard it before.
+//! How much of a range to a teammate is new information for a vehicle that has used that teammate's earlier packets.
 //!
-//! A broadcast position is wrong by an error that lasts: said twice, it is one piece of information and not two. As
-//! soundings on a chart whose error is correlated, n ranges to positions whose errors have the correlation ρ from one
-//! to the next weigh as n (1 − ρ) / (1 + ρ) of them. A receiver knows ρ from the two covariances that it was told and
-//! from how dead reckoning drifts meanwhile: a prediction correlates with what it came from, and an estimate that was
-//! corrected since correlates with its prediction by the square root of the share of the variance that is left.
+//! The errors of two positions that one teammate broadcast are correlated, so two ranges to them are less than two
+//! independent measurements. If consecutive errors have the correlation ρ, n ranges weigh as n (1 − ρ) / (1 + ρ)
+//! independent ones. The receiver computes ρ from the two covariances in the packets and from a model of dead reckoning
+//! between them: a prediction is correlated with the estimate that it started from, and a corrected estimate is
+//! correlated with its prediction by the square root of the share of the variance that remains.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,13 +16,13 @@ use crate::measurement::range::along;
 pub struct Growth {
     /// Correlation of the position's error with the drift's, 0 to 1.
     pub correlation: f64,
-    /// Variance of what the drift adds, m²: it goes on from before.
+    /// Variance added by the velocity error, which was there before, m².
     pub drift_m2: f64,
-    /// Variance of what is drawn anew, m².
+    /// Variance added by process noise, m².
     pub walk_m2: f64,
 }
 
-/// What each teammate last said of its own position.
+/// The covariance that each teammate last broadcast of its own position.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct RangeNovelty {
     last: Vec<Option<LastBroadcast>>,
@@ -35,19 +35,19 @@ struct LastBroadcast {
 }
 
 impl RangeNovelty {
-    /// Nobody of a team of `vehicles` has said anything yet.
+    /// Of a team of `vehicles` in which no packet was received yet.
     #[must_use]
     pub fn new(vehicles: usize) -> Self {
         Self { last: vec![None; vehicles] }
     }
 
-    /// When this teammate was last heard; `None` before its first packet.
+    /// Launch of this teammate's last packet, ns; `None` before its first one.
     #[must_use]
     pub fn heard_at(&self, sender: VehicleId) -> Option<i64> {
         self.last.get(usize::from(sender)).copied().flatten().map(|last| last.tol_ns)
     }
 
-    /// Share of a range along `direction` (a unit vector) that counts, in (0, 1]: 1 for a teammate's first packet.
+    /// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector); 1 for a teammate's first packet.
     /// `standing_m2` is the variance of a part of the range's error that is never renewed, as a clock's.
     #[must_use]
     pub fn share(
@@ -69,7 +69,7 @@ impl RangeNovelty {
         ((1.0 - rho) / (1.0 + rho)).max(LEAST)
     }
 
-    /// Remembers what was said.
+    /// Keeps the covariance of a packet for the next one.
     pub fn heard(&mut self, sender: VehicleId, tol_ns: i64, covariance_m2: [f64; 3]) {
         if let Some(last) = self.last.get_mut(usize::from(sender)) {
             *last = Some(LastBroadcast { tol_ns, covariance_m2 });
@@ -77,7 +77,7 @@ impl RangeNovelty {
     }
 }
 
-/// A likelihood to this power says nothing.
+/// Lower bound of the exponent: a likelihood to this power changes nothing.
 const LEAST: f64 = 1e-9;
 
 /// Correlation of two errors of one estimate, from its variances then and now.
@@ -88,7 +88,7 @@ fn correlation(then_m2: f64, now_m2: f64, growth: &Growth) -> f64 {
     let cross = growth.correlation * (then_m2 * growth.drift_m2).sqrt();
     let predicted_m2 = then_m2 + 2.0 * cross + growth.drift_m2 + growth.walk_m2;
     let drifting = (then_m2 + cross) / (then_m2 * predicted_m2).sqrt();
-    // More than was predicted is drift of another kind, not novelty.
+    // A variance above the predicted one is drift that the model does not have, not new information.
     let kept = (now_m2 / predicted_m2).min(1.0).sqrt();
     (drifting * kept).clamp(0.0, 1.0)
 }
@@ -102,19 +102,19 @@ mod tests {
 
     fn share(then: [f64; 3], now: [f64; 3], growth: &Growth) -> f64 {
         let mut novelty = RangeNovelty::new(2);
-        assert_eq!(novelty.share(1, then, EAST, growth, 0.0), 1.0, "the first packet is all news");
+        assert_eq!(novelty.share(1, then, EAST, growth, 0.0), 1.0, "the first packet is entirely new");
         novelty.heard(1, 7, then);
         assert_eq!((novelty.heard_at(0), novelty.heard_at(1)), (None, Some(7)));
         novelty.share(1, now, EAST, growth, 0.0)
     }
 
     #[test]
-    fn what_is_only_said_again_counts_for_nothing() {
+    fn an_unchanged_estimate_has_no_weight() {
         assert!(share([9.0, 1.0, 4.0], [9.0, 1.0, 4.0], &STILL) < 1e-6);
     }
 
     #[test]
-    fn the_more_of_the_error_was_renewed_the_more_counts() {
+    fn the_weight_grows_with_the_share_of_the_error_that_was_renewed() {
         // An estimate with a quarter of the variance correlates with what it was by a half: (1 − ½) / (1 + ½).
         assert!((share([4.0, 0.0, 1.0], [1.0, 0.0, 1.0], &STILL) - 1.0 / 3.0).abs() < 1e-12);
         // The other axis does not matter.
@@ -126,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn drift_that_goes_on_is_no_news_and_drift_drawn_anew_is() {
+    fn velocity_error_is_not_new_and_process_noise_is() {
         let grown = |correlation, drift_m2: f64, walk_m2: f64| {
             let now = 4.0 + 2.0 * correlation * (4.0 * drift_m2).sqrt() + drift_m2 + walk_m2;
             share([4.0, 0.0, 1.0], [now, 0.0, 1.0], &Growth { correlation, drift_m2, walk_m2 })
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_standing_error_makes_what_is_renewed_count_for_less() {
+    fn beside_a_standing_error_what_is_renewed_counts_for_less() {
         let mut novelty = RangeNovelty::new(2);
         novelty.heard(1, 7, [4.0, 0.0, 1.0]);
         let shares = [0.0, 1.0, 10.0, 1000.0].map(|m2| novelty.share(1, [1.0, 0.0, 1.0], EAST, &STILL, m2));
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_said_leaves_the_range_of_a_share() {
+    fn the_weight_stays_between_0_and_1() {
         for value in [0.0, 1e-12, 1.0, 1e12] {
             for then in [0.0, 1.0, 1e9] {
                 for correlation in [0.0, 1.0] {

@@ -16,7 +16,7 @@ pub const CAPACITY: usize = 4096;
 /// `team` as packaged for a perfect chart.
 pub fn team_options(vehicles: usize, particles: usize) -> TeamOptions {
     TeamOptions {
-        core: mpf_options(particles),
+        terrain: mpf_options(particles).terrain,
         drifts: vec![drift(); vehicles],
         use_ranges: true,
         sigma_range_m: 1.0,

@@ -13,8 +13,9 @@ use uwcoop_core::navigator::clock::ClockOptions;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
 use uwcoop_core::navigator::drift::Drift;
-use uwcoop_core::navigator::mpf::{MonitorOptions, Mpf, MpfOptions};
+use uwcoop_core::navigator::mpf::{Mpf, MpfOptions};
 use uwcoop_core::navigator::range::{RangeMethod, RangeOptions};
+use uwcoop_core::navigator::terrain_core::{MonitorOptions, TerrainOptions};
 use uwcoop_core::navigator::{Navigator, Outcome};
 use uwcoop_core::packet::{Belief, BeliefPacket, Header, HeardBitmap, PacketKind};
 use uwcoop_core::random::{Purpose, Streams};
@@ -95,30 +96,32 @@ pub fn dmpf_options(particles: usize) -> DmpfOptions {
 /// `mpf` as packaged for a perfect chart.
 pub fn mpf_options(particles: usize) -> MpfOptions {
     MpfOptions {
-        particles,
-        resample_share: 2.0 / 3.0,
-        sigma_depth_m: None,
-        sigma_offset0_m: 1.0,
-        sigma_offset_m_per_sounding: 0.002,
-        student_dof: f64::INFINITY,
-        correlation_length_m: None,
-        sigma_map_m: None,
-        sounding_spacing_m: 0.0,
-        least_ess_share: 0.02,
-        monitor: Some(MonitorOptions {
-            forgetting: 0.05,
-            clip: 25.0,
-            alarm: 6.0,
-            spread_m: 10.0,
-            repeat_spread_m: 25.0,
-            spread_current_mps: 0.1,
-            quiet_s: 20.0,
-            repeat_s: 100.0,
-        }),
+        terrain: TerrainOptions {
+            particles,
+            resample_share: 2.0 / 3.0,
+            sigma_depth_m: None,
+            sigma_offset0_m: 1.0,
+            sigma_offset_m_per_sounding: 0.002,
+            student_dof: f64::INFINITY,
+            correlation_length_m: None,
+            sigma_map_m: None,
+            sounding_spacing_m: 0.0,
+            least_ess_share: 0.02,
+            monitor: Some(MonitorOptions {
+                forgetting: 0.05,
+                clip: 25.0,
+                alarm: 6.0,
+                spread_m: 10.0,
+                repeat_spread_m: 25.0,
+                spread_current_mps: 0.1,
+                quiet_s: 20.0,
+                repeat_s: 100.0,
+            }),
+            drift: drift(),
+        },
         range: range(GAUSSIAN, 6.0),
-        range_news: true,
+        range_novelty: true,
         packet: PacketKind::Belief,
-        drift: drift(),
     }
 }
 

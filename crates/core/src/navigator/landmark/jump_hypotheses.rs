@@ -1,4 +1,4 @@
-//! Recovery by odds: the belief that something moved the vehicle unnoticed by its odometry, followed in parallel.
+//! Recovery by hypotheses: that the vehicle was displaced without its odometry measuring it, tracked in parallel.
 //!
 //! After each positioning a copy of the belief is set apart whose own pose jumps just then, by little; and each complete
 //! positioning founds another one that stands where it says: a jump to anywhere. All copies and the belief itself are

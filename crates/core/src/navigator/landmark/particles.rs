@@ -1,5 +1,5 @@
-//! Particles over all states, for a belief that a Gaussian does not describe: a far or unknown start, an hour without
-//! positionings.
+//! Weighted particles over all states, for beliefs that a Gaussian does not describe: a distant or unknown start, an
+//! hour without positionings.
 
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};

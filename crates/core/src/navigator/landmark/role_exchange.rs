@@ -1,4 +1,4 @@
-//! A vehicle's side of the role exchanges: what was sent, what was accepted, who is the landmark.
+//! Role exchanges of one vehicle: counters of sent and received packets, and which vehicle is the landmark.
 
 use std::sync::Arc;
 
@@ -17,13 +17,13 @@ pub struct RoleExchange {
     own: VehicleId,
     newest_tol_ns: Vec<Option<i64>>,
     sequence: u8,
-    /// Slots left silent because the packet does not hold the belief.
+    /// Slots in which nothing was sent because the belief does not fit the packet's fields.
     pub untold: u64,
     /// Whether this vehicle is the landmark.
     pub is_landmark: bool,
-    /// Whom positionings are with.
+    /// The vehicle that positionings are measured to.
     pub landmark: Option<VehicleId>,
-    /// Whether the landmark's pose is the first one, known to all before anybody is heard.
+    /// Whether the landmark is still at its first pose, which all vehicles know before any packet.
     pub first: bool,
 }
 
@@ -103,8 +103,9 @@ impl RoleExchange {
         self.sequence = self.sequence.wrapping_add(1);
     }
 
-    /// A belief that its packet cannot hold is not told: any value that fits would claim what is not known, and whoever
-    /// hears nothing places the new landmark by its own positionings. Other errors stay errors.
+    /// The encoded packet, counted as sent. A belief outside the packet's fields is not sent: a value that fits would be
+    /// wrong, and a vehicle that receives no packet locates the new landmark by its own positionings. Other errors are
+    /// returned.
     ///
     /// # Errors
     /// [`Error::Packet`] for a belief that is no belief; [`Error::PacketTooLong`] for a slot too short.

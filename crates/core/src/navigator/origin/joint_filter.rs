@@ -1,4 +1,4 @@
-//! One joint filter of the own state and each peer's newest node, that can look back to a time of arrival.
+//! One joint filter of the own state and each peer's newest node, which can go back to a time of arrival.
 
 use std::collections::VecDeque;
 
@@ -39,7 +39,7 @@ enum Change {
     Heard(Box<HeardPacket>),
 }
 
-/// A packet that was taken.
+/// A packet that was accepted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct HeardPacket {
     peer: VehicleId,
@@ -47,7 +47,7 @@ struct HeardPacket {
     range: Option<Range>,
 }
 
-/// What a packet says of a peer's newest node.
+/// The update of a peer's newest node that a packet holds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "one for each packet, and mostly the larger variant")]
 pub enum PeerUpdate {

@@ -4,7 +4,7 @@
 //! particle of the receiver holds a Gaussian over its teammates' states, conditioned on that particle's own track
 //! ([`group`]); a packet runs over it in the order of time ([`packet_updates`]). Each datum is used once by each receiver, so
 //! nothing is counted twice, and a lost packet costs what was in it. The own core is that of
-//! [`mpf`](super::mpf): a vehicle that hears nobody is `mpf` without ranges, bit for bit.
+//! [`mpf`](super::mpf), the [terrain core](super::terrain_core): a vehicle that hears nobody is `mpf` without ranges, bit for bit.
 
 mod group;
 mod options;
@@ -17,16 +17,16 @@ mod reception;
 mod referee;
 mod resampling;
 mod shared_current;
+mod state;
 
 pub use options::TeamOptions;
 
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
 use super::drift::Drift;
-use super::mpf::{Mpf, MpfOptions, MpfState};
+use super::radio::Radio;
 use super::snapshot::{load, save};
+use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Navigator, Outcome, Particles, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, non_negative, positive};
@@ -41,42 +41,21 @@ use position_history::PositionHistory;
 use range_record::RangeRecord;
 use referee::Referee;
 use shared_current::SharedCurrent;
-
-/// A teammate that was heard.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct Teammate {
-    /// Where its block stands in time: the launch of its last packet.
-    pub tol_ns: i64,
-    /// Its dead reckoning then, m.
-    pub position_m: [f64; 2],
-    /// Low bits of that packet's counter.
-    pub sequence: u8,
-    /// Distance travelled since its last sounding that was used, m.
-    pub since_sounding_m: Option<f64>,
-}
+use state::TeamState;
+pub use state::Teammate;
 
 /// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) own linear states.
 pub struct Team<const K: usize> {
-    mpf: Mpf<K>,
+    own: VehicleId,
+    terrain: TerrainCore<K>,
+    radio: Radio,
     options: TeamOptions,
     layout: TeamLayout,
     filled: Option<Vec<Paired>>,
     /// The filter without ranges; none where it is not to judge.
-    lone: Option<Mpf<K>>,
+    lone: Option<TerrainCore<K>>,
     state: TeamState<K>,
     scratch: Scratch,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-struct TeamState<const K: usize> {
-    outgoing: OutgoingData,
-    mates: Vec<Option<Teammate>>,
-    groups: Vec<Group>,
-    history: PositionHistory,
-    current: Option<SharedCurrent<K>>,
-    sigma_sounding_m: Option<f64>,
-    referee: Referee,
-    ranges: RangeRecord,
 }
 
 #[derive(Default)]
@@ -125,32 +104,31 @@ impl<const K: usize> Team<K> {
         let overhead = if options.tag_bytes > 0 { options.tag_bytes } else { CRC_BYTES };
         let layout = TeamLayout::new(vehicles, options.frame_bytes.saturating_sub(overhead))?;
         let filled = chart.as_deref().and_then(|c| c.nodes_with_holes_filled(options.fill_reach_m));
-        let core = MpfOptions {
-            range: None,
-            drift: options.drifts.get(usize::from(own)).copied().unwrap_or(options.core.drift),
-            ..options.core
+        let terrain = TerrainOptions {
+            drift: options.drifts.get(usize::from(own)).copied().unwrap_or(options.terrain.drift),
+            ..options.terrain
         };
         let groups = vehicles.saturating_sub(1).div_ceil(options.group_size);
         let states =
             BlockLayout { scale: options.clock.sound_speed_sigma_mps > 0.0, clock: options.clock.differ() };
         let judged = options.use_ranges && options.referee_nat > 0.0 && chart.is_some();
-        let lone = judged
-            .then(|| Mpf::new(own, vehicles, core, chart.clone(), sound_speed_mps, seed))
-            .transpose()?;
+        let lone = judged.then(|| TerrainCore::new(own, terrain, chart.clone(), seed)).transpose()?;
         Ok(Self {
             state: TeamState {
                 outgoing: OutgoingData::new(vehicles),
                 mates: vec![None; vehicles],
-                groups: (0..groups).map(|_| Group::new(options.core.particles, states)).collect(),
+                groups: (0..groups).map(|_| Group::new(options.terrain.particles, states)).collect(),
                 history: PositionHistory::default(),
                 current: (options.current_difference < 1.0)
-                    .then(|| SharedCurrent::new(options.core.particles, vehicles)),
+                    .then(|| SharedCurrent::new(options.terrain.particles, vehicles)),
                 sigma_sounding_m: None,
                 referee: Referee::default(),
                 ranges: RangeRecord::default(),
             },
             lone,
-            mpf: Mpf::new(own, vehicles, core, chart, sound_speed_mps, seed)?,
+            own,
+            terrain: TerrainCore::new(own, terrain, chart, seed)?,
+            radio: Radio::new(own, vehicles, sound_speed_mps)?,
             layout,
             filled,
             options,
@@ -158,10 +136,10 @@ impl<const K: usize> Team<K> {
         })
     }
 
-    /// How often the health monitor spread the cloud.
+    /// The own core: cloud, datum offset, alarms.
     #[must_use]
-    pub fn alarms(&self) -> u64 {
-        self.mpf.alarms()
+    pub fn terrain(&self) -> &TerrainCore<K> {
+        &self.terrain
     }
 
     /// Mean and covariance [ee, en, nn] of a teammate's position at the launch of its last packet, m and m².
@@ -174,18 +152,18 @@ impl<const K: usize> Team<K> {
     }
 
     fn weights(&self) -> &[f64] {
-        self.mpf.state.core.cloud.weights()
+        self.terrain.state.core.cloud.weights()
     }
 
     /// Which group a teammate belongs to: the others in their order, `group_size` to a group.
     fn group_of(&self, vehicle: VehicleId) -> usize {
-        let place = usize::from(vehicle) - usize::from(vehicle > self.mpf.own);
+        let place = usize::from(vehicle) - usize::from(vehicle > self.own);
         place / self.options.group_size
     }
 
     /// The own particles make a step, and what must know of it is told.
     fn advance(&mut self, t_ns: i64) {
-        let core = &mut self.mpf.state.core;
+        let core = &mut self.terrain.state.core;
         let Some(before_ns) = core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
             core.advance(t_ns);
             return;
@@ -205,12 +183,12 @@ impl<const K: usize> Team<K> {
     }
 
     fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
-        let restarts = self.mpf.state.core.restarts;
-        let outcome = self.mpf.weigh_fix(position_m, covariance_m2);
+        let restarts = self.terrain.state.core.restarts;
+        let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
         if outcome == Outcome::Fused {
             self.state.outgoing.fix(t_ns, position_m, covariance_m2);
         }
-        if self.mpf.state.core.restarts != restarts {
+        if self.terrain.state.core.restarts != restarts {
             self.forget();
             self.state.history.clear();
         }
@@ -221,10 +199,10 @@ impl<const K: usize> Team<K> {
     fn sounding(&mut self, t_ns: i64, water_depth_m: f64, sigma_m: f64) -> Outcome {
         self.state.outgoing.sounding(t_ns, water_depth_m);
         self.state.sigma_sounding_m = Some(sigma_m);
-        let (outcome, health) = self.mpf.weigh_sounding(water_depth_m, sigma_m);
+        let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sigma_m);
         if let Some(statistic) = health {
             self.remember_own();
-            if self.mpf.watch(statistic) {
+            if self.terrain.watch(statistic) {
                 self.move_past();
                 self.forget();
             } else {
@@ -236,7 +214,7 @@ impl<const K: usize> Team<K> {
     }
 
     fn remember_launch(&mut self, tol_ns: i64, sequence: u8) {
-        let core = &self.mpf.state.core;
+        let core = &self.terrain.state.core;
         let (cloud, velocity) = (&core.cloud, core.velocity_mps);
         let ahead_s = core.now_ns().map_or(0.0, |now| seconds(tol_ns.saturating_sub(now)).max(0.0));
         let place = |i: usize| {
@@ -249,20 +227,20 @@ impl<const K: usize> Team<K> {
 
 impl<const K: usize> Navigator for Team<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
-        check_event(event, self.mpf.own, self.mpf.state.core.now_ns())?;
-        self.mpf.state.radio.check_sender(&event.payload)?;
-        if let (Some(lone), false) = (&mut self.lone, matches!(event.payload, Payload::Reception { .. })) {
-            lone.handle(event)?;
+        check_event(event, self.own, self.terrain.state.core.now_ns())?;
+        self.radio.check_sender(&event.payload)?;
+        if let Some(lone) = &mut self.lone {
+            lone.handle(event);
         }
-        self.state.outgoing.advance(event.t_ns, self.mpf.state.core.velocity_mps);
+        self.state.outgoing.advance(event.t_ns, self.terrain.state.core.velocity_mps);
         self.advance(event.t_ns);
         match &event.payload {
             Payload::Motion { velocity_mps } => {
-                self.mpf.state.core.velocity_mps = *velocity_mps;
+                self.terrain.state.core.velocity_mps = *velocity_mps;
                 Ok(Outcome::Fused)
             }
             Payload::Depth { depth_m, .. } => {
-                self.mpf.state.radio.set_depth(*depth_m);
+                self.radio.set_depth(*depth_m);
                 Ok(Outcome::Fused)
             }
             Payload::Fix { position_m, covariance_m2 } => {
@@ -279,12 +257,12 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        if !self.options.use_ranges || !self.mpf.state.core.started() {
+        if !self.options.use_ranges || !self.terrain.state.core.started() {
             return Ok(None);
         }
-        let (radio, outgoing) = (&mut self.mpf.state.radio, &mut self.state.outgoing);
+        let (radio, outgoing) = (&mut self.radio, &mut self.state.outgoing);
         let report = &mut self.scratch.report;
-        let velocity = self.mpf.state.core.velocity_mps;
+        let velocity = self.terrain.state.core.velocity_mps;
         if !outgoing.report(tol_ns, velocity, self.options.packet_spacing_m, &self.layout, report) {
             return Ok(None);
         }
@@ -303,31 +281,19 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
-        self.mpf.estimate(t_ns)
+        self.terrain.state.core.estimate(t_ns)
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
-        save(&(&self.mpf.state, &self.state, self.lone.as_ref().map(|lone| &lone.state)))
+        save(&(&self.terrain.state, &self.radio, &self.state, self.lone.as_ref().map(|lone| &lone.state)))
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let (mpf, state, lone): (MpfState<K>, TeamState<K>, Option<MpfState<K>>) = load(snapshot)?;
-        if state.groups.len() != self.state.groups.len() || state.mates.len() != self.state.mates.len() {
-            return Err(Error::Snapshot("made with another team".into()));
-        }
-        let (particles, vehicles) = (self.options.core.particles, self.state.mates.len());
-        for (theirs, own) in state.groups.iter().zip(&self.state.groups) {
-            theirs.check(particles, own.layout)?;
-        }
-        self.mpf.state.core.check_same(&mpf.core)?;
-        self.mpf.state.radio.check_same(&mpf.radio)?;
-        let shared = state.current.as_ref().map(|c| c.fits(particles, vehicles));
-        if !state.history.fits(particles)
-            || shared.is_some() != self.state.current.is_some()
-            || shared == Some(false)
-        {
-            return Err(Error::Snapshot("made with another team".into()));
-        }
+        type Snapshot<const K: usize> = (TerrainState<K>, Radio, TeamState<K>, Option<TerrainState<K>>);
+        let (terrain, radio, state, lone): Snapshot<K> = load(snapshot)?;
+        self.terrain.state.core.check_same(&terrain.core)?;
+        self.radio.check_same(&radio)?;
+        self.state.check_same(&state, self.options.terrain.particles)?;
         match (&mut self.lone, lone) {
             (None, None) => {}
             (Some(lone), Some(theirs)) => {
@@ -336,17 +302,18 @@ impl<const K: usize> Navigator for Team<K> {
             }
             _ => return Err(Error::Snapshot("made with another referee".into())),
         }
-        self.mpf.state = mpf;
+        self.terrain.state = terrain;
+        self.radio = radio;
         self.state = state;
         Ok(())
     }
 
     fn particles(&self) -> Option<Particles> {
-        self.mpf.particles()
+        self.terrain.state.core.particles()
     }
 
     fn information_nat(&self) -> f64 {
-        self.mpf.information_nat()
+        self.terrain.state.core.information_nat
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

@@ -2,13 +2,13 @@
 
 use crate::navigator::clock::ClockOptions;
 use crate::navigator::drift::Drift;
-use crate::navigator::mpf::MpfOptions;
+use crate::navigator::terrain_core::TerrainOptions;
 
 /// Options of `team`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TeamOptions {
-    /// The own core; its `range` and `packet` are not used.
-    pub core: MpfOptions,
+    /// The own core.
+    pub terrain: TerrainOptions,
     /// Drift of each vehicle of the team.
     pub drifts: Vec<Drift>,
     /// Whether to talk and to listen.

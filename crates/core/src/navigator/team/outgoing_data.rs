@@ -1,4 +1,4 @@
-//! What a vehicle tells its team: its own data since its last broadcast, and nothing that it believes.
+//! Own data collected for the next broadcast: displacement, soundings, ranges, fixes. No estimate is among it.
 
 use std::collections::VecDeque;
 
@@ -22,7 +22,7 @@ const OFF_GRID_S: f64 = 0.3;
 const STARTS_AT_FIRST: u64 = 3;
 const STARTS_EVERY: u64 = 8;
 
-/// A range that this vehicle measured and has not told yet.
+/// A range that this vehicle measured and has not broadcast yet.
 #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
 struct Measured {
     sequence: u8,
@@ -60,7 +60,7 @@ struct Start {
 }
 
 impl OutgoingData {
-    /// An empty book of a vehicle in a team of `vehicles`.
+    /// Empty, for a vehicle in a team of `vehicles`.
     #[must_use]
     pub fn new(vehicles: usize) -> Self {
         Self {
@@ -227,7 +227,7 @@ impl OutgoingData {
         }
     }
 
-    /// The report went out: its data is not said again.
+    /// The report was broadcast: its data is not sent again.
     pub fn sent(&mut self, tol_ns: i64) {
         self.sent += 1;
         self.last_tol_ns = Some(tol_ns);

@@ -1,4 +1,4 @@
-//! A packet as a list of operations on its sender's block, in the order of time.
+//! A received report as a list of Kalman updates of its sender's block, in the order of time.
 
 use super::Teammate;
 use crate::event::seconds;
@@ -7,7 +7,7 @@ use crate::measurement::sounding::sharing_error;
 use crate::navigator::drift::Drift;
 use crate::packet::{FixSays, TeamReport};
 
-/// What the operations of a packet need beside it.
+/// A report with the model parameters that its updates need.
 pub struct ReportModel<'a> {
     /// The packet.
     pub report: &'a TeamReport,
@@ -44,10 +44,10 @@ pub enum Target {
     Block(usize),
 }
 
-/// Memory of a program, reused from packet to packet.
+/// The updates of one packet; the memory is reused for the next one.
 #[derive(Debug, Clone, Default)]
 pub struct PacketUpdates {
-    /// What to run.
+    /// The updates, in the order of time.
     pub ops: Vec<Op>,
     /// Points of the sender's dead reckoning: time, position relative to the launch.
     track: Vec<(i64, [f64; 2])>,

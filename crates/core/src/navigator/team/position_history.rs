@@ -1,5 +1,5 @@
-//! Where each particle was: over the last seconds, since a packet is read some time after it arrived, and at the last
-//! launch, to which teammates measure.
+//! Positions of each particle: over the last seconds, because a packet is decoded some time after its arrival, and at
+//! the last launch, because teammates measure their ranges to that position.
 
 use std::collections::VecDeque;
 
@@ -13,7 +13,7 @@ const KEPT_NS: i64 = 8_000_000_000;
 /// Instants are at least so far apart.
 const APART_NS: i64 = 900_000_000;
 
-/// Every particle's place at one time.
+/// Positions of all particles at one time.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Places {
     /// When.
@@ -34,11 +34,11 @@ impl Places {
     }
 }
 
-/// The recent past of all particles.
+/// Recent positions of all particles.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct PositionHistory {
     recent: VecDeque<Places>,
-    /// Every particle at the last launch, and that packet's counter.
+    /// Positions at the last launch, with that packet's counter.
     pub launch: Option<(u8, Places)>,
     /// Shortest time between two launches, ns.
     pub cycle_ns: Option<i64>,
@@ -47,7 +47,7 @@ pub struct PositionHistory {
 }
 
 impl PositionHistory {
-    /// The particles at `t_ns`.
+    /// Stores the particles' positions at `t_ns`.
     pub fn remember(&mut self, t_ns: i64, east: &[f64], north: &[f64]) {
         // The newest always stays; the one before it only if it is far enough from its own predecessor.
         let n = self.recent.len();
@@ -62,7 +62,7 @@ impl PositionHistory {
         self.recent.push_back(places);
     }
 
-    /// The places at `t_ns`, into `at`; false for a time that is not kept.
+    /// Writes the positions at `t_ns`, interpolated, into `at`; false for a time outside the stored span.
     pub fn at(&self, t_ns: i64, at: &mut [Vec<f64>; 2]) -> bool {
         let after = self.recent.partition_point(|p| p.t_ns < t_ns);
         let (Some(later), Some(earlier)) = (self.recent.get(after), self.recent.get(after.saturating_sub(1)))
@@ -82,13 +82,13 @@ impl PositionHistory {
         true
     }
 
-    /// Nothing is kept any more.
+    /// Removes all positions.
     pub fn clear(&mut self) {
         self.spare.extend(self.recent.drain(..));
         self.launch = None;
     }
 
-    /// Whether it is of so many particles, as a snapshot may not be.
+    /// Whether all columns have `particles` entries; a snapshot's may not.
     #[must_use]
     pub fn fits(&self, particles: usize) -> bool {
         let launch = self.launch.iter().map(|(_, places)| places);
@@ -99,7 +99,7 @@ impl PositionHistory {
         self.recent.iter_mut().chain(self.launch.iter_mut().map(|(_, places)| places))
     }
 
-    /// All places follow their particle.
+    /// Resampling: particle i takes the history of its ancestor.
     pub fn gather(&mut self, ancestors: &[u32], column: &mut Vec<f64>) {
         for places in self.all() {
             gather(&mut places.east, column, ancestors);
@@ -107,7 +107,7 @@ impl PositionHistory {
         }
     }
 
-    /// Where a particle was moves as the particle does.
+    /// Shifts each particle's history by the correction that the particle received, `before` to [`east`, `north`].
     pub fn shift(&mut self, before: &[Vec<f64>; 2], east: &[f64], north: &[f64]) {
         for places in self.all() {
             let columns = [(&mut places.east, east), (&mut places.north, north)];
@@ -131,7 +131,7 @@ impl PositionHistory {
         }
     }
 
-    /// Takes places down as those of a launch.
+    /// Stores positions as those of a launch.
     pub fn launched(&mut self, sequence: u8, t_ns: i64, place: impl Fn(usize) -> [f64; 2], particles: usize) {
         if let Some((_, last)) = &self.launch {
             let cycle_ns = t_ns.saturating_sub(last.t_ns);

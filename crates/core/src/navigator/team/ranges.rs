@@ -73,7 +73,7 @@ impl<const K: usize> Team<K> {
         toa_ns: i64,
     ) -> Option<RangeOp> {
         let (clock_m, clock_m2) = self.clock_difference(index, base);
-        let (radio, sender_depth_m) = (&self.mpf.state.radio, self.scratch.report.depth_m);
+        let (radio, sender_depth_m) = (&self.radio, self.scratch.report.depth_m);
         let sound_speed_mps = radio.sound_speed_mps;
         let range_m2 = self.options.sigma_range_m.powi(2);
         let reduced = range_m(tol_ns, toa_ns, sound_speed_mps).and_then(|measured_m| {
@@ -115,7 +115,7 @@ impl<const K: usize> Team<K> {
             let heard = groups().find(|(_, group)| group.dim() > 0);
             let (mean, variance) =
                 heard.map_or((f64::NAN, f64::NAN), |(_, group)| state_moments(group, 0, self.weights()));
-            let sound_speed_mps = self.mpf.state.radio.sound_speed_mps;
+            let sound_speed_mps = self.radio.sound_speed_mps;
             all.push(("sound_speed_error_mps", -mean * sound_speed_mps));
             all.push(("sound_speed_error_sigma_mps", variance.sqrt() * sound_speed_mps));
         }

@@ -47,7 +47,7 @@ impl<const K: usize> Team<K> {
             return Outcome::Noted;
         }
         if self.read(sender, tol_ns, toa_ns, bytes).is_none() {
-            self.mpf.state.core.rejected += 1;
+            self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         }
         let Some(mate) = self.known_or_joined(sender, tol_ns) else { return Outcome::Noted };
@@ -59,13 +59,13 @@ impl<const K: usize> Team<K> {
     fn read(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Option<()> {
         let report = &mut self.scratch.report;
         report.decode(bytes, &self.layout, sender, tol_ns).ok()?;
-        let core = &self.mpf.state.core;
+        let core = &self.terrain.state.core;
         core.displacement_since(toa_ns).filter(|_| core.started())?;
         // Local data in the past of what is known cannot be taken up any more.
         if self.state.mates.get(usize::from(sender))?.is_some_and(|m| tol_ns <= m.tol_ns) {
             return None;
         }
-        let radio = &mut self.mpf.state.radio;
+        let radio = &mut self.radio;
         radio.windows.get_mut(usize::from(sender))?.accept(report.sequence, tol_ns).ok().map(|_| ())
     }
 
@@ -76,7 +76,7 @@ impl<const K: usize> Team<K> {
         let modulus = report.position_modulus_m;
         let reference = match &self.state.mates[usize::from(sender)] {
             Some(mate) => mate.position_m,
-            None => self.mpf.state.core.cloud.position_moments().0,
+            None => self.terrain.state.core.cloud.position_moments().0,
         };
         for (position, reference) in report.position_m.iter_mut().zip(reference) {
             *position = unwrap_near(*position, modulus, reference);
@@ -109,12 +109,12 @@ impl<const K: usize> Team<K> {
         self.scratch.report.fix = None;
         let drift = &self.options.drifts[usize::from(sender)];
         // One sea, one tide: each particle's own offset, with what it does not know of it.
-        let cloud = &self.mpf.state.core.cloud;
+        let cloud = &self.terrain.state.core.cloud;
         let doubt = weighted_mean(cloud.weights(), &cloud.offset_variance);
         let shared_m = (doubt + self.options.offset_difference_m.powi(2)).sqrt();
-        let prior_m = self.options.core.sigma_offset0_m;
+        let prior_m = self.options.terrain.sigma_offset0_m;
         let offset = (shared_m < prior_m).then_some(cloud.offset.as_slice());
-        let sound_speed_mps = self.mpf.state.radio.sound_speed_mps;
+        let sound_speed_mps = self.radio.sound_speed_mps;
         let sigmas: [f64; BLOCK] = [
             fix.sigma_m,
             fix.sigma_m,
@@ -144,28 +144,28 @@ impl<const K: usize> Team<K> {
         let mut drift = self.options.drifts[usize::from(sender)];
         let share = self.options.current_difference.min(1.0);
         drift.sigma_current_mps_per_sqrt_s *= share;
-        if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.mpf.state.core.now_ns()) {
-            let linear = &self.mpf.state.core.cloud.linear;
+        if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.terrain.state.core.now_ns()) {
+            let linear = &self.terrain.state.core.cloud.linear;
             let ago_s = (now_ns - tol_ns) as f64 * 1e-9;
             let hidden = current.since(sender, linear, ago_s, &mut self.scratch.current);
             drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(hidden.sqrt());
         }
-        let correlation = self.mpf.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
+        let correlation = self.terrain.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
         let model = ReportModel {
             report: &self.scratch.report,
             tol_ns,
             drift: &drift,
-            offset_walk_m2: self.options.core.sigma_offset_m_per_sounding.powi(2),
-            sounding_m2: self.options.core.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
-            correlation_m: self.options.core.correlation_length_m.unwrap_or(correlation),
+            offset_walk_m2: self.options.terrain.sigma_offset_m_per_sounding.powi(2),
+            sounding_m2: self.options.terrain.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
+            correlation_m: self.options.terrain.correlation_length_m.unwrap_or(correlation),
             range_m2: self.options.sigma_range_m.powi(2),
             clock_m2_per_s: self.options.clock.walk_m2_per_s(),
         };
-        let members = (&self.state.groups[index], self.mpf.own);
+        let members = (&self.state.groups[index], self.own);
         let usable = &mut self.scratch.usable;
         self.state.ranges.reported_stale +=
             find_usable(&self.scratch.report, tol_ns, &self.state, members, usable);
-        let speed = self.mpf.state.radio.sound_speed_mps;
+        let speed = self.radio.sound_speed_mps;
         let ranges = usable.iter().map(|&(launch_ns, range_m, target)| {
             (launch_ns.saturating_add((range_m / speed * 1e9) as i64), range_m, target)
         });
@@ -176,7 +176,7 @@ impl<const K: usize> Team<K> {
         self.own_positions(toa_ns);
         let own = self.own_range(index, base, tol_ns, toa_ns);
         self.scratch.updates.ops.extend(own.map(|range| Op::RangeToOwn { own: 1, clock_sign: 1.0, range }));
-        let mut column = self.mpf.state.core.cloud.likelihood_column();
+        let mut column = self.terrain.state.core.cloud.likelihood_column();
         self.run_gated(index, base, &mut column);
         let used = self.scratch.updates.ops.iter().any(|op| matches!(op, Op::RangeToOwn { own: 1, .. }));
         if let Some(range) = own.filter(|_| used) {
@@ -190,7 +190,7 @@ impl<const K: usize> Team<K> {
     /// What to add to the packet's depths, which are known modulo something: by the depth expected under the sender.
     /// `None` without a chart there.
     fn depth_shift(&self, index: usize, base: usize, tol_ns: i64, mate: &Teammate) -> Option<f64> {
-        let chart = self.mpf.chart.as_ref()?;
+        let chart = self.terrain.chart.as_ref()?;
         let (report, updates) = (&self.scratch.report, &self.scratch.updates);
         if !report.depth_modulus_m.is_finite() {
             return Some(0.0);
@@ -217,7 +217,7 @@ impl<const K: usize> Team<K> {
             self.run(index, base, n);
             let ops = self.scratch.updates.ops.iter().enumerate().filter(|(_, op)| op.weighs());
             let mut ranges = ops.enumerate().filter(|(_, (_, op))| op.is_range());
-            let weights = self.mpf.state.core.cloud.weights();
+            let weights = self.terrain.state.core.cloud.weights();
             let [nu, s] = &self.scratch.innovation;
             let record = &mut self.state.ranges;
             let contradicting = ranges.find_map(|(row, (place, op))| {
@@ -232,12 +232,12 @@ impl<const K: usize> Team<K> {
             });
             let Some((place, own)) = contradicting else { break };
             *(if own { &mut record.gated } else { &mut record.reported_gated }) += 1;
-            self.mpf.state.core.rejected += 1;
+            self.terrain.state.core.rejected += 1;
             self.scratch.updates.ops.remove(place);
             self.state.groups[index].mean.copy_from_slice(&self.scratch.mean);
         }
         self.state.groups[index].written();
-        let cloud = &self.mpf.state.core.cloud;
+        let cloud = &self.terrain.state.core.cloud;
         let weighing = self.scratch.updates.ops.iter().filter(|op| op.weighs()).count();
         for row in self.scratch.rows.chunks(n).take(weighing) {
             add_row(row, cloud.weights(), column);
@@ -246,7 +246,7 @@ impl<const K: usize> Team<K> {
 
     /// Runs the program in scratch on the means, and on a copy of the covariances.
     fn run(&mut self, index: usize, base: usize, n: usize) {
-        let options = &self.options.core;
+        let options = &self.options.terrain;
         let weighing = self.scratch.updates.ops.iter().filter(|op| op.weighs()).count();
         // At once for the fullest packet: later ones must not allocate.
         let most = self.layout.soundings() + self.state.mates.len() + 2;
@@ -255,9 +255,9 @@ impl<const K: usize> Team<K> {
             column.resize(weighing * n, 0.0);
         }
         self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
-        let cloud = &self.mpf.state.core.cloud;
+        let cloud = &self.terrain.state.core.cloud;
         let launch = self.state.history.launch.as_ref();
-        let terrain = self.mpf.chart.as_deref().map(|chart| Terrain {
+        let terrain = self.terrain.chart.as_deref().map(|chart| Terrain {
             chart: chart.grid(),
             filled: filled_grid(self.filled.as_deref(), chart),
             sigma: match (options.sigma_map_m, chart.sigma_map()) {
@@ -297,7 +297,7 @@ impl<const K: usize> Team<K> {
         if self.state.history.at(toa_ns, &mut self.scratch.own) {
             return;
         }
-        let core = &self.mpf.state.core;
+        let core = &self.terrain.state.core;
         let back = core.displacement_since(toa_ns).unwrap_or_default();
         for (axis, now) in [&core.cloud.east, &core.cloud.north].into_iter().enumerate() {
             let at = &mut self.scratch.own[axis];
@@ -308,7 +308,7 @@ impl<const K: usize> Team<K> {
 
     /// Weighs the particles by a packet, softened if it would leave too few.
     fn weigh(&mut self, mut column: Vec<f64>) {
-        let cloud = &mut self.mpf.state.core.cloud;
+        let cloud = &mut self.terrain.state.core.cloud;
         let least = self.options.least_ess_share * cloud.len() as f64;
         for _ in 0..SOFTENINGS {
             if least <= 0.0 || cloud.ess_after(&column) >= least {

@@ -44,7 +44,9 @@ impl<const K: usize> Team<K> {
     /// After a sounding that both filters have taken up.
     pub(super) fn judge(&mut self) {
         let Some(lone) = &self.lone else { return };
-        let (Some(lone_nat), Some(team_nat)) = (lone.evidence_nat(), self.mpf.evidence_nat()) else { return };
+        let (Some(lone_nat), Some(team_nat)) = (lone.evidence_nat(), self.terrain.evidence_nat()) else {
+            return;
+        };
         if self.state.referee.judge(lone_nat, team_nat, self.options.referee_nat) {
             self.take_over();
         }
@@ -54,8 +56,8 @@ impl<const K: usize> Team<K> {
     /// move rigidly with their particle, from where the old cloud was on average.
     fn take_over(&mut self) {
         let Some(lone) = &self.lone else { return };
-        let old = self.mpf.state.core.cloud.position_moments().0;
-        let weights = self.mpf.state.core.cloud.weights();
+        let old = self.terrain.state.core.cloud.position_moments().0;
+        let weights = self.terrain.state.core.cloud.weights();
         let widening = Widening { states: WIDENED, clock_m2: self.clock_widening_m2() };
         let (east, north) = (&lone.state.core.cloud.east, &lone.state.core.cloud.north);
         for group in &mut self.state.groups {
@@ -66,7 +68,7 @@ impl<const K: usize> Team<K> {
         if let Some(current) = &mut self.state.current {
             current.pool(weights);
         }
-        self.mpf.become_cloud_of(lone);
+        self.terrain.become_cloud_of(lone);
     }
 }
 

@@ -14,7 +14,7 @@ const MOST_WIDENED_M2: f64 = 100.0;
 impl<const K: usize> Team<K> {
     /// Own positions, to know later how far each particle was moved.
     pub(super) fn remember_own(&mut self) {
-        let cloud = &self.mpf.state.core.cloud;
+        let cloud = &self.terrain.state.core.cloud;
         for (kept, now) in self.scratch.own.iter_mut().zip([&cloud.east, &cloud.north]) {
             kept.clear();
             kept.extend_from_slice(now);
@@ -23,7 +23,7 @@ impl<const K: usize> Team<K> {
 
     /// Where a particle was moves as the particle does.
     pub(super) fn move_past(&mut self) {
-        let cloud = &self.mpf.state.core.cloud;
+        let cloud = &self.terrain.state.core.cloud;
         self.state.history.shift(&self.scratch.own, &cloud.east, &cloud.north);
     }
 
@@ -50,22 +50,22 @@ impl<const K: usize> Team<K> {
     /// By how much clock differences widen when the own cloud has lost its way, m²: they have absorbed its error, but are
     /// no worse than the hardware allows.
     pub(super) fn clock_widening_m2(&self) -> f64 {
-        let elapsed_s = self.mpf.state.core.now_ns().map_or(0.0, seconds);
-        let prior = self.options.clock.prior(self.mpf.state.radio.sound_speed_mps, elapsed_s);
+        let elapsed_s = self.terrain.state.core.now_ns().map_or(0.0, seconds);
+        let prior = self.options.clock.prior(self.radio.sound_speed_mps, elapsed_s);
         prior.difference_m2.min(MOST_WIDENED_M2)
     }
 
     /// As `mpf`; teammates and launch positions go with their particle, and are jittered jointly with it.
     pub(super) fn resample(&mut self) {
-        let core = &mut self.mpf.state.core;
-        if core.cloud.ess() > self.mpf.options.resample_share * core.cloud.len() as f64 {
+        let core = &mut self.terrain.state.core;
+        if core.cloud.ess() > self.terrain.options.resample_share * core.cloud.len() as f64 {
             return;
         }
         let stream = core.next_stream(Purpose::Resample);
-        let terrain = self.mpf.chart.is_some() && core.status != Status::OffChart;
+        let terrain = self.terrain.chart.is_some() && core.status != Status::OffChart;
         let unseen = !terrain && self.state.groups.iter().any(|g| !g.members.is_empty());
         let kept = unseen.then(|| self.means());
-        let core = &mut self.mpf.state.core;
+        let core = &mut self.terrain.state.core;
         core.cloud.resample(&stream);
         let ancestors = core.cloud.ancestors();
         let [column, _] = &mut self.scratch.innovation;
@@ -75,10 +75,10 @@ impl<const K: usize> Team<K> {
             current.gather(ancestors, column);
         }
         self.state.groups.iter_mut().for_each(|g| g.gather(ancestors));
-        let stream = self.mpf.state.core.next_stream(Purpose::Jitter);
+        let stream = self.terrain.state.core.next_stream(Purpose::Jitter);
         self.jitter_groups(&stream);
         self.remember_own();
-        self.mpf.state.core.cloud.liu_west(&stream);
+        self.terrain.state.core.cloud.liu_west(&stream);
         if let Some(kept) = kept {
             self.keep_means(&kept);
         }
@@ -87,7 +87,7 @@ impl<const K: usize> Team<K> {
 
     /// Weighted mean of every column: own states, then the teammates'.
     pub(super) fn means(&self) -> Vec<f64> {
-        let (cloud, n) = (&self.mpf.state.core.cloud, self.options.core.particles);
+        let (cloud, n) = (&self.terrain.state.core.cloud, self.options.terrain.particles);
         let own = [&cloud.east, &cloud.north, &cloud.offset].into_iter().chain(&cloud.linear);
         let own = own.map(Vec::as_slice);
         let mates = self.state.groups.iter().flat_map(|g| g.mean.chunks(n));
@@ -98,8 +98,8 @@ impl<const K: usize> Team<K> {
     /// add up to metres: ranges do not see where all of it went.
     pub(super) fn keep_means(&mut self, kept: &[f64]) {
         let now = self.means();
-        let n = self.options.core.particles;
-        let cloud = &mut self.mpf.state.core.cloud;
+        let n = self.options.terrain.particles;
+        let cloud = &mut self.terrain.state.core.cloud;
         let own = [&mut cloud.east, &mut cloud.north, &mut cloud.offset].into_iter().chain(&mut cloud.linear);
         let own = own.map(Vec::as_mut_slice);
         let mates = self.state.groups.iter_mut().flat_map(|g| g.mean.chunks_mut(n));
@@ -113,7 +113,7 @@ impl<const K: usize> Team<K> {
         if self.state.groups.iter().all(|g| g.members.is_empty()) {
             return;
         }
-        let cloud = &self.mpf.state.core.cloud;
+        let cloud = &self.terrain.state.core.cloud;
         let n = cloud.len();
         for (k, pair) in self.scratch.normals.chunks_mut(2).enumerate() {
             if let [a, b] = pair {

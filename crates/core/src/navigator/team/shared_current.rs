@@ -1,9 +1,10 @@
-//! The water current as vehicles share it: what a particle's own way says of a teammate's.
+//! The water current that vehicles share: the displacement by the current of a particle, as information about a
+//! teammate's.
 //!
-//! The way s that the current took a particle is a Gaussian given that particle's positions, as its linear states l
-//! are: each step, s grows by the current, and what the step's displacement tells of the current corrects s as well,
-//! back to the start (a fixed-point smoother). Summing up filtered currents instead lags behind the particle's way, and
-//! ranges would then tell of the current itself.
+//! The displacement s by the current is Gaussian given that particle's positions, as its linear states l are. In each
+//! step, s grows by the current, and the measurement of the current by the step's displacement corrects s as well, back
+//! to the start (a fixed-point smoother). A sum of filtered currents would lag behind the true displacement, and ranges
+//! would then be taken as measurements of the current.
 
 use nalgebra::{Matrix2, SMatrix};
 use serde::{Deserialize, Serialize};
@@ -12,7 +13,7 @@ use crate::event::VehicleId;
 use crate::kernels::particles::{ParticleStep, gather};
 use crate::kernels::weights::weighted_mean;
 
-/// The way that the current took each particle, and where that stood at each teammate's last packet.
+/// Displacement by the current of each particle, now and at each teammate's last packet.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SharedCurrent<const K: usize> {
     /// Since the start, [east, north], m.
@@ -28,7 +29,7 @@ pub struct SharedCurrent<const K: usize> {
     before: [Vec<f64>; 2],
 }
 
-/// The way at the launch of a teammate's last packet.
+/// Displacement by the current at the launch of a teammate's last packet.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Then {
     displacement: [Vec<f64>; 2],
@@ -40,7 +41,7 @@ struct Then {
 const LEAST_SPAN_S: f64 = 0.5;
 
 impl<const K: usize> SharedCurrent<K> {
-    /// Nothing yet.
+    /// No displacement yet.
     #[must_use]
     pub fn new(particles: usize, vehicles: usize) -> Self {
         Self {
@@ -83,7 +84,7 @@ impl<const K: usize> SharedCurrent<K> {
         }
     }
 
-    /// Moves the covariances on; what a change of the current by the step's displacement says of the way so far, m/(m/s).
+    /// Moves the covariances on; what a change of the current by the step's displacement says of the displacement so far, m/(m/s).
     fn correct(
         &mut self,
         covariance: &SMatrix<f64, K, K>,
@@ -104,7 +105,7 @@ impl<const K: usize> SharedCurrent<K> {
         current_gain.try_inverse().map_or_else(Matrix2::zeros, |innovation| seen * inverse * innovation)
     }
 
-    /// Whether its columns are of so many particles and vehicles, as a snapshot may not be.
+    /// Whether the columns have `particles` entries and `vehicles` teammates; a snapshot's may not.
     #[must_use]
     pub fn fits(&self, particles: usize, vehicles: usize) -> bool {
         let kept = self.at.iter().flatten().flat_map(|then| &then.displacement);
@@ -120,7 +121,7 @@ impl<const K: usize> SharedCurrent<K> {
         }
     }
 
-    /// All columns follow their particle.
+    /// Resampling: particle i takes the columns of its ancestor.
     pub fn gather(&mut self, ancestors: &[u32], column: &mut Vec<f64>) {
         let kept = self.at.iter_mut().flatten().flat_map(|then| &mut then.displacement);
         for displacement in self.displacement.iter_mut().chain(kept) {
@@ -129,7 +130,7 @@ impl<const K: usize> SharedCurrent<K> {
     }
 
     /// Mean current of each particle since the last packet of `vehicle`, up to `ago_s` before now, into `mean`; what is
-    /// not known of that way, as a walk, m²/s. That instant is kept for the next packet.
+    /// not known of that displacement, as a walk, m²/s. That instant is kept for the next packet.
     pub fn since(
         &mut self,
         vehicle: VehicleId,

@@ -186,7 +186,7 @@ impl Widths {
     }
 }
 
-/// What a sender knows of a launch, before rounding.
+/// The content of a sender's packet before rounding.
 pub struct UnroundedPacket {
     /// The node.
     pub node: Node,

@@ -215,8 +215,8 @@ fn mpf_is_consistent_over_seeds() {
         // sounding says.
         let mut options = mpf_options(4000);
         options.range = None;
-        options.drift.sigma_current0_mps = 0.1;
-        options.drift.sigma_current_mps_per_sqrt_s = 1e-4;
+        options.terrain.drift.sigma_current0_mps = 0.1;
+        options.terrain.drift.sigma_current_mps_per_sqrt_s = 1e-4;
         let mut navigator = mpf::<2>(0, 1, options, &chart, seed);
         let tide_m = world_noise(seed, 905, 1)[0];
         let (error, covariance) = end_of_mission(seed, 100, tide_m, &mut navigator);
@@ -237,7 +237,7 @@ fn mpf_learns_the_tide() {
     for tide_m in [-0.8, 0.0, 1.3] {
         let mut navigator = mpf::<2>(0, 1, mpf_options(600), &chart, 3);
         let (error, _) = end_of_mission(17, 120, tide_m, &mut navigator);
-        let (offset_m, variance_m2) = navigator.datum_offset();
+        let (offset_m, variance_m2) = navigator.terrain().datum_offset();
         assert!(error[0].hypot(error[1]) < 2.0, "{error:?}");
         assert!(
             (offset_m - tide_m).abs() < 4.0 * variance_m2.sqrt(),

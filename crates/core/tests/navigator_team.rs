@@ -210,7 +210,7 @@ fn options_outside_their_bounds_are_refused() {
     assert!(build(|o| o.sigma_range_m = 0.0).is_err());
     assert!(build(|o| o.group_size = 0).is_err());
     assert!(build(|o| o.drifts.clear()).is_err());
-    assert!(build(|o| o.core.particles = 3).is_err());
+    assert!(build(|o| o.terrain.particles = 3).is_err());
 }
 
 /// The uncertainty of vehicle 2 in the eyes of vehicle 0, m².
@@ -350,7 +350,7 @@ fn a_vehicle_that_its_team_led_astray_comes_back() {
     let final_errors = |referee_nat: f64| {
         let mut options = team_options(3, PARTICLES);
         options.range_gate_sigmas = f64::INFINITY;
-        options.core.monitor = None;
+        options.terrain.monitor = None;
         options.referee_nat = referee_nat;
         let chart = chart_of(middling_depth);
         let mut team: Vec<Box<dyn Navigator>> = (0..3)

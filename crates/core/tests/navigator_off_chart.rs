@@ -106,9 +106,9 @@ fn particles_over_a_hole_keep_their_share_of_the_weight() {
     let mut dmpf_options = dmpf_options(2000);
     let mut mpf_options = mpf_options(2000);
     // Weights are looked at before resampling mixes them.
-    (dmpf_options.resample_share, mpf_options.resample_share) = (1e-9, 1e-9);
+    (dmpf_options.resample_share, mpf_options.terrain.resample_share) = (1e-9, 1e-9);
     // A known tide, or it would explain any depth.
-    mpf_options.sigma_offset0_m = 0.05;
+    mpf_options.terrain.sigma_offset0_m = 0.05;
     let navigators: Vec<(&str, Box<dyn Navigator>)> = vec![
         ("dmpf", Box::new(dmpf(0, 1, dmpf_options, &chart, 2))),
         ("mpf<2>", Box::new(mpf::<2>(0, 1, mpf_options, &chart, 2))),

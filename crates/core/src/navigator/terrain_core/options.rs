@@ -1,0 +1,85 @@
+//! Options of the terrain core: cloud, datum offset, soundings, health monitor, drift.
+
+use crate::error::{Error, non_negative, positive};
+use crate::navigator::drift::Drift;
+
+/// When the cloud no longer explains its soundings: an EWMA of normalised squared mean innovations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MonitorOptions {
+    /// Weight of a new sounding.
+    pub forgetting: f64,
+    /// One sounding counts at most this.
+    pub clip: f64,
+    /// Alarm above this.
+    pub alarm: f64,
+    /// On alarm, spread of the position, m.
+    pub spread_m: f64,
+    /// Spread when an alarm repeats within `repeat_s`, m.
+    pub repeat_spread_m: f64,
+    /// Spread of the current, m/s.
+    pub spread_current_mps: f64,
+    /// No two alarms closer than this, s.
+    pub quiet_s: f64,
+    /// See `repeat_spread_m`, s.
+    pub repeat_s: f64,
+}
+
+/// Options of the terrain core, as `mpf` and `team` have them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TerrainOptions {
+    /// N.
+    pub particles: usize,
+    /// Resample at N_eff ≤ this × N.
+    pub resample_share: f64,
+    /// Standard deviation of a sounding, m; `None` takes what the sensor states.
+    pub sigma_depth_m: Option<f64>,
+    /// Prior of the datum offset (tide), m.
+    pub sigma_offset0_m: f64,
+    /// Its walk per sounding, m.
+    pub sigma_offset_m_per_sounding: f64,
+    /// Degrees of freedom of Student's t; infinite for a Gaussian.
+    pub student_dof: f64,
+    /// Distance over which the chart's error stays itself, m; `None` asks the chart.
+    pub correlation_length_m: Option<f64>,
+    /// Standard deviation of the chart's error, m; `None` asks the chart.
+    pub sigma_map_m: Option<f64>,
+    /// Least distance between soundings that are used, m.
+    pub sounding_spacing_m: f64,
+    /// Share of the particles that a sounding must leave as effective sample size; 0 never softens one.
+    pub least_ess_share: f64,
+    /// Health monitor.
+    pub monitor: Option<MonitorOptions>,
+    /// Process noise and priors.
+    pub drift: Drift,
+}
+
+impl TerrainOptions {
+    /// Refuses what is outside its bound.
+    ///
+    /// # Errors
+    /// [`Error::OutOfBound`], [`Error::NotFinite`].
+    pub fn validate(&self) -> Result<(), Error> {
+        positive("resample_share", self.resample_share)?;
+        if let Some(sigma) = self.sigma_depth_m {
+            positive("sigma_depth_m", sigma)?;
+        }
+        positive("sigma_offset0_m", self.sigma_offset0_m)?;
+        non_negative("sigma_offset_m_per_sounding", self.sigma_offset_m_per_sounding)?;
+        if self.student_dof.is_nan() || self.student_dof <= 0.0 {
+            return Err(Error::OutOfBound {
+                quantity: "student_dof",
+                value: self.student_dof,
+                bound: "above 0",
+            });
+        }
+        if let Some(length) = self.correlation_length_m {
+            non_negative("correlation_length_m", length)?;
+        }
+        if let Some(sigma) = self.sigma_map_m {
+            non_negative("sigma_map_m", sigma)?;
+        }
+        non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
+        non_negative("least_ess_share", self.least_ess_share)?;
+        Ok(())
+    }
+}

@@ -1,0 +1,160 @@
+//! One sounding: lookup, datum offset, tempered weights.
+
+use super::TerrainCore;
+use crate::chart::{Chart, SigmaMap};
+use crate::cloud::Cloud;
+use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
+use crate::kernels::lookup::bilinear;
+use crate::kernels::pattern::{Pattern, pattern_depths};
+use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
+use crate::measurement::sounding::{LEAST_SIGMA_M, sharing_error};
+use crate::navigator::Outcome;
+
+/// A sounding that would leave too few particles is weighed again with twice the sigma, at most so many times.
+const SOFTENINGS: usize = 6;
+
+#[derive(Default)]
+pub(super) struct SoundingScratch {
+    here: Pattern,
+    depth: Vec<f64>,
+    sigma_map: Vec<f64>,
+    correction: Vec<f64>,
+    variance: Vec<f64>,
+    innovation: Vec<f64>,
+    innovation_variance: Vec<f64>,
+    /// Of the last sounding, where that was weighed, nat.
+    pub(super) evidence_nat: Option<f64>,
+}
+
+impl<const K: usize> TerrainCore<K> {
+    /// A sounding up to its weights; with the health statistic where it was used. Watching and resampling are left to the
+    /// caller.
+    pub fn weigh_sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> (Outcome, Option<f64>) {
+        self.scratch.evidence_nat = None;
+        let core = &mut self.state.core;
+        let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
+            return (Outcome::Noted, None);
+        };
+        let travelled_m = trajectory.travelled_m();
+        let apart_m = self.state.sounded_at_m.map(|at| travelled_m - at);
+        if apart_m.is_some_and(|d| d < self.options.sounding_spacing_m) {
+            return (Outcome::Noted, None);
+        }
+        let correlation_m = self.options.correlation_length_m.unwrap_or(chart.correlation_length_m());
+        let shared = sharing_error(correlation_m, apart_m);
+        let mut model = OffsetModel {
+            sigma_m: self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).max(LEAST_SIGMA_M),
+            shared,
+            dof: self.options.student_dof,
+        };
+
+        let scratch = &mut self.scratch;
+        scratch.look_up(chart, &core.cloud.east, &core.cloud.north);
+        scratch.sigma_map(self.options.sigma_map_m, chart, &core.cloud.east, &core.cloud.north);
+        let q = self.options.sigma_offset_m_per_sounding.powi(2);
+        let mut column = core.cloud.likelihood_column();
+        let mut health = None;
+        for _ in 0..=SOFTENINGS {
+            scratch.weigh(&model, &core.cloud, water_depth_m, q, &mut column);
+            // Health is judged by the noise that the sensor states, before anything is softened.
+            health.get_or_insert_with(|| scratch.health(&column, core.cloud.weights()));
+            if !core.fill_holes(&mut column) {
+                core.cloud.put_back(column);
+                core.rejected += 1;
+                return (Outcome::Gated, None);
+            }
+            if cloud_keeps(&core.cloud, &column, self.options.least_ess_share) {
+                break;
+            }
+            model.sigma_m *= 2.0;
+        }
+        self.state.sounded_at_m = Some(travelled_m);
+        for (b, c) in core.cloud.offset.iter_mut().zip(&self.scratch.correction) {
+            *b += c;
+        }
+        core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
+        self.scratch.evidence_nat = core.cloud.reweight_evidence(column);
+        (Outcome::Fused, health)
+    }
+}
+
+impl SoundingScratch {
+    /// Log-likelihood of one sounding for each particle (NaN without a depth) and the offsets that would follow.
+    fn weigh<const K: usize>(
+        &mut self,
+        model: &OffsetModel,
+        cloud: &Cloud<K>,
+        water_depth_m: f64,
+        q_offset_m2: f64,
+        column: &mut [f64],
+    ) {
+        let mut columns = SoundingColumns {
+            depth_m: &self.depth,
+            sigma_map_m: &self.sigma_map,
+            offset_m: &cloud.offset,
+            offset_variance_m2: &cloud.offset_variance,
+            log_likelihood: column,
+            correction_m: &mut self.correction,
+            variance_m2: &mut self.variance,
+            innovation_m: &mut self.innovation,
+            innovation_variance_m2: &mut self.innovation_variance,
+        };
+        sounding_update(model, water_depth_m, q_offset_m2, &mut columns);
+    }
+
+    /// Standard deviation of the chart under each particle.
+    fn sigma_map(&mut self, fixed_m: Option<f64>, chart: &Chart, east: &[f64], north: &[f64]) {
+        match (fixed_m, chart.sigma_map()) {
+            (Some(sigma), _) | (None, &SigmaMap::Uniform(sigma)) => self.sigma_map.fill(sigma),
+            (None, SigmaMap::PerNode { .. }) => {
+                for ((out, e), n) in self.sigma_map.iter_mut().zip(east).zip(north) {
+                    *out = chart.sigma_map_at(*e, *n);
+                }
+            }
+        }
+    }
+
+    /// ν̄² / (S + Var_w(h + b)) over the particles that have a chart.
+    fn health(&self, log_likelihood: &[f64], weights: &[f64]) -> f64 {
+        let (_, share) = known_share(log_likelihood, weights);
+        // Innovation and its variance are zero for the others.
+        let mean = weighted_mean(weights, &self.innovation) / share;
+        let square = weighted_covariance(weights, &self.innovation, 0.0, &self.innovation, 0.0) / share;
+        let spread = (square - mean * mean).max(0.0);
+        let statistic = mean * mean / (weighted_mean(weights, &self.innovation_variance) / share + spread);
+        if statistic.is_finite() { statistic } else { 0.0 }
+    }
+
+    /// Depth under each particle, NaN where there is none.
+    fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
+        let n = east.len();
+        for column in [
+            &mut self.depth,
+            &mut self.sigma_map,
+            &mut self.correction,
+            &mut self.variance,
+            &mut self.innovation,
+            &mut self.innovation_variance,
+        ] {
+            column.resize(n, 0.0);
+        }
+        let grid = chart.grid();
+        self.here.set(&grid, std::iter::once([0.0, 0.0]));
+        let depth = &mut self.depth;
+        let inside = pattern_depths(&grid, &self.here, east, north, |first, count, _, depths| {
+            for (out, d) in depth[first..first + count].iter_mut().zip(depths) {
+                *out = f64::from(*d);
+            }
+        });
+        if !inside {
+            for ((out, e), n) in self.depth.iter_mut().zip(east).zip(north) {
+                *out = bilinear(&grid, *e, *n);
+            }
+        }
+    }
+}
+
+/// Whether enough particles would keep weight; a sounding that leaves a handful says more of the cloud than of the sea.
+fn cloud_keeps<const K: usize>(cloud: &Cloud<K>, log_likelihood: &[f64], share: f64) -> bool {
+    share <= 0.0 || cloud.ess_after(log_likelihood) >= share * cloud.len() as f64
+}
