@@ -2,8 +2,8 @@
 
     .venv/bin/python studies/robustness.py --seeds 24 -o robustness
 
-Missions are flown anew for each world; all navigators of a world fly the same ones. `-o` keeps each world's numbers, and a
-world whose numbers are there is not flown again. `--page FILE` writes the page from them.
+All navigators of a world fly the same missions. `-o` keeps each world's numbers, and a world whose numbers are there is
+not flown again. `--page FILE` writes the page from them.
 """
 
 from __future__ import annotations
@@ -124,13 +124,14 @@ def tables(folder: Path) -> str:
 
 INTRO = """# Ranges as they are
 
-Worlds whose clocks, sound speed, paths and losses are not those of a textbook. The navigators are told the world's sigmas,
-as a user who knows the hardware would tell them (the option table `clock`, filled from the scenario's `acoustics`), unless a
-row says otherwise. All filters have 1,500 particles.
+Worlds whose clocks, sound speed, paths and losses are not those of a textbook. The navigators are told the world's
+sigmas, as a user who knows the hardware would tell them (the option table `clock`, filled from the scenario's
+`acoustics`), unless a row says otherwise. All filters have 1,500 particles.
 
-A cell is RMSE (median over vehicles, m) / NEES (median, mean over vehicles; ideal 2) / vehicles lost (more than 30 m off at
-the end). "Take-overs" counts how often [the filter without ranges](../methods/team.md#the-filter-without-ranges-as-referee)
-took over, over all vehicles. The command, about 2 s of one core for each mission:
+A cell is RMSE (median over vehicles, m) / NEES (median, mean over vehicles; ideal 2) / vehicles lost (more than 30 m off
+at the end). "Take-overs" counts, over all vehicles, how often
+[the filter without ranges](../methods/team.md#the-filter-without-ranges-as-referee) took over. The command, about 2 s of
+one core for each mission and world:
 
 ```
 {command}

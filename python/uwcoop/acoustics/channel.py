@@ -242,11 +242,14 @@ class _World:
         return np.asarray(error)
 
     def _longer_ways(self, sender: int, receiver: int, launch_s: Array) -> tuple[Array, Array]:
-        """Uniform draws for each signal, whether there is a longer way and how long it is. A geometry that holds is that of
-        the pair, whoever of both sends, and changes at times of its own."""
+        """Uniform draws for each signal: whether there is a longer way, and how long it is.
+
+        A geometry that holds is that of the pair, whoever of both sends, and changes at times of its own."""
         hold_s = self.acoustics.range_outlier_hold_s
         if hold_s == 0:
-            luck, size = stream(self.seed, sender, Purpose.RANGE_OUTLIER, receiver).random((launch_s.size, 2)).T
+            luck, size = (
+                stream(self.seed, sender, Purpose.RANGE_OUTLIER, receiver).random((launch_s.size, 2)).T
+            )
             return luck, size
         first, second = sorted((sender, receiver))
         draw = stream(self.seed, first, Purpose.RANGE_OUTLIER, second)

@@ -114,7 +114,8 @@ CLOCK_AGREES: dict[str, float] = {
 def clock_of(acoustics: Acoustics) -> dict[str, float]:
     """What a user who knows the hardware and the water says of them, as `ClockOptions`.
 
-    Two-way ranging has no use for what clocks differ by. What is off by a given amount, and not by a sigma, no user knows.
+    Two-way ranging has no use for what clocks differ by. What is off by a given amount, and not by a sigma, no user
+    knows.
     """
     one_way, clock = acoustics.ranging == "one-way", acoustics.clock
     return {
