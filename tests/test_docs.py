@@ -192,9 +192,10 @@ def test_every_table_that_is_asked_for_is_made_and_the_other_way_round(hooks: An
 
 def test_the_scenario_reference_names_every_key(hooks: Any) -> None:
     from uwcoop.scenario.base import Table
+    from uwcoop.scenario.keys import models_by_name
 
     tables = hooks.scenario_tables()
-    models = [model for model in hooks._models_by_name().values() if model.model_fields]
+    models = [model for model in models_by_name().values() if model.model_fields]
     assert len(models) > 20
     for model in models:
         if model.__module__.startswith("uwcoop.scenario") and issubclass(model, Table):

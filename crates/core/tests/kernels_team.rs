@@ -203,7 +203,7 @@ fn depths(curvature: f64) -> Vec<Paired> {
 }
 
 fn terrain(values: &[Paired], dof: f64) -> Terrain<'_> {
-    let grid = Grid { values, rows: SIDE, cols: SIDE, east0_m: 0.0, north0_m: 0.0, cell_m: 1.0 };
+    let grid = Grid::new(values, SIDE, SIDE, 0.0, 0.0, 1.0).unwrap();
     Terrain { chart: grid, filled: grid, sigma: MapSigma::Uniform(0.1), dof }
 }
 

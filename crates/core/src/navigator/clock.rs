@@ -10,6 +10,7 @@ const CLOCK_WALK_M_PER_SQRT_S: f64 = 0.01;
 
 /// Priors of clocks and sound speed, and the share of late arrivals; all zero: ranges are Gaussian about the distance.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct ClockOptions {
     /// Standard deviation of one vehicle's clock error at the start of the mission, s.
     pub offset_sigma_s: f64,
@@ -100,6 +101,15 @@ impl ClockOptions {
     pub fn standing_m2(&self, sound_speed_mps: f64, range_m: f64, elapsed_s: f64) -> f64 {
         let scale_m = self.scale_sigma(sound_speed_mps) * range_m;
         self.prior(sound_speed_mps, elapsed_s).difference_m2 + scale_m * scale_m
+    }
+
+    /// By how much a range may be wrong, one standard deviation of each source added up, m.
+    #[must_use]
+    pub fn doubt_m(&self, sound_speed_mps: f64, range_m: f64, elapsed_s: f64) -> f64 {
+        let late_m = if self.late_share > 0.0 { 3.0 * self.lateness_m } else { 0.0 };
+        self.prior(sound_speed_mps, elapsed_s).difference_m2.sqrt()
+            + self.scale_sigma(sound_speed_mps) * range_m
+            + late_m
     }
 
     /// The model of late arrivals, where there are any.

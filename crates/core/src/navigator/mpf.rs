@@ -5,15 +5,16 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::teammates;
 use super::radio::{HeardBelief, Radio};
 use super::range::RangeOptions;
 use super::range_novelty::RangeNovelty;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::Error;
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::packet::PacketKind;
 
 /// Options of `mpf`.
@@ -116,21 +117,31 @@ impl<const K: usize> Mpf<K> {
     }
 }
 
-impl<const K: usize> Navigator for Mpf<K> {
-    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
-        check_event(event, self.own, self.terrain.state.core.now_ns())?;
-        self.link.radio.check_sender(&event.payload)?;
-        let outcome = self.terrain.handle(event);
-        Ok(match &event.payload {
-            Payload::Depth { depth_m, .. } => {
+impl<const K: usize> Mpf<K> {
+    /// What one event does once the clock has been advanced to it.
+    fn fuse_event(&mut self, event: &Event) -> Outcome {
+        match &event.payload {
+            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
                 self.link.radio.set_depth(*depth_m);
                 Outcome::Fused
             }
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
                 self.reception(*sender, *tol_ns, *toa_ns, bytes)
             }
-            _ => outcome,
-        })
+            _ => self.terrain.handle(event),
+        }
+    }
+}
+
+impl<const K: usize> Navigator for Mpf<K> {
+    fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_event(event, self.own, self.terrain.state.core.now_ns())?;
+        self.link.radio.check_sender(&event.payload)?;
+        self.terrain.state.core.advance(event.t_ns);
+        let rejected_before = self.terrain.state.core.rejected;
+        let outcome = self.fuse_event(event);
+        self.terrain.state.core.count_gated(&event.payload, outcome, rejected_before);
+        Ok(outcome)
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
@@ -141,8 +152,11 @@ impl<const K: usize> Navigator for Mpf<K> {
         self.link.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
-    fn takes_ranges(&self) -> bool {
-        self.options.range.is_some()
+    fn profile(&self) -> Profile {
+        let ranges = self.options.range.is_some();
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
@@ -164,6 +178,15 @@ impl<const K: usize> Navigator for Mpf<K> {
 
     fn particles(&self) -> Option<Particles> {
         self.terrain.state.core.particles()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = self.terrain.diagnostics();
+        if self.options.range.is_some() {
+            let heard = self.link.range_novelty.last_heard();
+            said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        }
+        said
     }
 
     fn information_nat(&self) -> f64 {

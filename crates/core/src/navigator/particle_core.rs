@@ -3,6 +3,7 @@
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::GatedCounts;
 use super::drift::Drift;
 use super::range_novelty::Growth;
 use super::trajectory::Trajectory;
@@ -33,6 +34,8 @@ pub struct ParticleCore<const K: usize> {
     pub rejected: u64,
     /// What the last fused range told, nat; NaN where not asked for.
     pub information_nat: f64,
+    /// The same by kind of event.
+    pub gated: GatedCounts,
     /// How often fixes that insisted scattered the cloud anew.
     pub restarts: u32,
     drift: Drift,
@@ -42,7 +45,7 @@ pub struct ParticleCore<const K: usize> {
 }
 
 /// So many fixes in a row that contradict the belief are believed: a lost vehicle that surfaces must be able to start anew.
-const FIXES_BELIEVED: u32 = 3;
+pub(in crate::navigator) const FIXES_BELIEVED: u32 = 3;
 
 impl<const K: usize> ParticleCore<K> {
     /// `particles` particles without a position yet.
@@ -65,6 +68,7 @@ impl<const K: usize> ParticleCore<K> {
             trajectory: None,
             status: Status::NotStarted,
             rejected: 0,
+            gated: GatedCounts::default(),
             information_nat: f64::NAN,
             restarts: 0,
             drift,
@@ -198,6 +202,12 @@ impl<const K: usize> ParticleCore<K> {
     #[must_use]
     pub fn displacement_since(&self, t_ns: i64) -> Option<[f64; 2]> {
         self.trajectory.as_ref().and_then(|t| t.since(t_ns))
+    }
+
+    /// Whether it knows where the vehicle was at `t_ns`, relative to where it is.
+    #[must_use]
+    pub fn remembers(&self, t_ns: i64) -> bool {
+        self.started() && self.displacement_since(t_ns).is_some()
     }
 
     /// Gives particles without a likelihood (NaN: over a hole, off the chart) the mean likelihood of those that have one.

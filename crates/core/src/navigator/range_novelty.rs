@@ -47,6 +47,11 @@ impl RangeNovelty {
         self.last.get(usize::from(sender)).copied().flatten().map(|last| last.tol_ns)
     }
 
+    /// When each teammate that was heard last launched a packet, and its covariance [ee, en, nn] then, m².
+    pub fn last_heard(&self) -> impl Iterator<Item = (i64, [f64; 3])> + '_ {
+        self.last.iter().flatten().map(|last| (last.tol_ns, last.covariance_m2))
+    }
+
     /// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector); 1 for a teammate's first packet.
     /// `standing_m2` is the variance of a part of the range's error that is never renewed, as a clock's.
     #[must_use]

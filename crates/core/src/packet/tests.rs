@@ -105,8 +105,8 @@ fn what_does_not_fit_is_named_and_never_clipped() {
         "mean easting 40000 m is outside -32768 to 32767.9375 m"
     );
     assert_eq!(
-        with(|p| p.header.depth_m = 102.36).to_string(),
-        "sender's depth 102.36 m is outside 0 to 102.3 m"
+        with(|p| p.header.depth_m = 13_100.0).to_string(),
+        "sender's depth 13100 m is outside 0 to 13004.8 m"
     );
     assert!(matches!(with(|p| p.header.depth_m = -0.06), PacketError::OutOfRange { .. }));
     assert!(matches!(with(|p| p.header.depth_m = f64::NAN), PacketError::NotFinite { .. }));
@@ -388,7 +388,7 @@ proptest! {
     fn a_belief_is_never_overstated_nor_much_understated(
         mean in (-32_768.0f64..32_767.9, -32_768.0f64..32_767.9),
         log_sigma in (-8.0f64..11.8, -8.0f64..11.8), atanh in -6.0f64..6.0,
-        depth_m in 0.0f64..102.3, sequence: u8, heard: u16, sender: u16, tol_ns: i64,
+        depth_m in 0.0f64..11_000.0, sequence: u8, heard: u16, sender: u16, tol_ns: i64,
     ) {
         let sigma = (log_sigma.0.exp2(), log_sigma.1.exp2());
         let mut sent = packet(PacketKind::Belief, mean, sigma, atanh.tanh());
@@ -396,7 +396,7 @@ proptest! {
         let bytes = sent.encode(sender, tol_ns).unwrap();
         prop_assert_eq!(bytes.len(), BELIEF_BYTES);
         let got = BeliefPacket::decode(&bytes, sender, tol_ns).unwrap();
-        prop_assert!((got.header.depth_m - depth_m).abs() <= 0.05 + 1e-12);
+        prop_assert!((got.header.depth_m - depth_m).abs() <= 0.5 * Header::depth_step_m(depth_m) + 1e-9);
         prop_assert_eq!((got.header.sequence, got.header.heard.bits()), (sequence, heard));
         let error = got.belief.mean_m - sent.belief.mean_m;
         prop_assert!(error.amax() <= 1.0 / 32.0);

@@ -157,7 +157,7 @@ impl PaperCloud {
         let Some((early_ns, early)) = after.checked_sub(1).and_then(|i| self.history.get(i)) else {
             return late.clone();
         };
-        let share = (t_ns - early_ns) as f64 / (late_ns - early_ns).max(1) as f64;
+        let share = t_ns.saturating_sub(*early_ns) as f64 / late_ns.saturating_sub(*early_ns).max(1) as f64;
         let mut between = early.clone();
         for (column, (from, to)) in between.iter_mut().zip(early.iter().zip(late)).take(2) {
             for (out, (a, b)) in column.iter_mut().zip(from.iter().zip(to)) {

@@ -10,6 +10,7 @@ mod group;
 mod options;
 mod outgoing_data;
 mod packet_updates;
+mod plausibility;
 mod position_history;
 mod range_record;
 mod ranges;
@@ -23,14 +24,15 @@ pub use options::TeamOptions;
 
 use std::sync::Arc;
 
+use super::diagnostics::teammates;
 use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, non_negative, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
 use crate::kernels::team::BlockLayout;
 use crate::packet::{CRC_BYTES, TEAM_MAX, TeamLayout, TeamReport};
@@ -174,7 +176,7 @@ impl<const K: usize> Team<K> {
         }
         let step = core.advance(t_ns);
         if let Some(current) = &mut self.state.current {
-            let dt_s = seconds(t_ns - before_ns);
+            let dt_s = seconds(t_ns.saturating_sub(before_ns));
             current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
         }
         if step.is_some() && self.options.use_ranges {
@@ -225,6 +227,30 @@ impl<const K: usize> Team<K> {
     }
 }
 
+impl<const K: usize> Team<K> {
+    /// What one event does once the clock has been advanced to it.
+    fn fuse_event(&mut self, event: &Event) -> Outcome {
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.terrain.state.core.velocity_mps = *velocity_mps;
+                Outcome::Fused
+            }
+            Payload::Depth { depth_m, .. } if self.options.use_ranges => {
+                self.radio.set_depth(*depth_m);
+                Outcome::Fused
+            }
+            Payload::Fix { position_m, covariance_m2 } => self.fix(event.t_ns, *position_m, *covariance_m2),
+            Payload::WaterDepth { water_depth_m, sigma_m } => {
+                self.sounding(event.t_ns, *water_depth_m, *sigma_m)
+            }
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                self.reception(*sender, *tol_ns, *toa_ns, bytes)
+            }
+            _ => Outcome::Noted,
+        }
+    }
+}
+
 impl<const K: usize> Navigator for Team<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
@@ -234,26 +260,10 @@ impl<const K: usize> Navigator for Team<K> {
         }
         self.state.outgoing.advance(event.t_ns, self.terrain.state.core.velocity_mps);
         self.advance(event.t_ns);
-        match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.terrain.state.core.velocity_mps = *velocity_mps;
-                Ok(Outcome::Fused)
-            }
-            Payload::Depth { depth_m, .. } => {
-                self.radio.set_depth(*depth_m);
-                Ok(Outcome::Fused)
-            }
-            Payload::Fix { position_m, covariance_m2 } => {
-                Ok(self.fix(event.t_ns, *position_m, *covariance_m2))
-            }
-            Payload::WaterDepth { water_depth_m, sigma_m } => {
-                Ok(self.sounding(event.t_ns, *water_depth_m, *sigma_m))
-            }
-            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
-            }
-            _ => Ok(Outcome::Noted),
-        }
+        let rejected_before = self.terrain.state.core.rejected;
+        let outcome = self.fuse_event(event);
+        self.terrain.state.core.count_gated(&event.payload, outcome, rejected_before);
+        Ok(outcome)
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
@@ -308,20 +318,31 @@ impl<const K: usize> Navigator for Team<K> {
         Ok(())
     }
 
+    fn profile(&self) -> Profile {
+        let ranges = self.options.use_ranges;
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
+    }
+
     fn particles(&self) -> Option<Particles> {
         self.terrain.state.core.particles()
     }
 
-    fn information_nat(&self) -> f64 {
-        self.terrain.state.core.information_nat
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = self.terrain.diagnostics();
+        let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
+        let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
+        said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        said.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
+        if self.lone.is_some() {
+            said.extend(self.state.referee.diagnostics());
+        }
+        said.extend(self.clock_diagnostics());
+        said
     }
 
-    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut all = self.state.ranges.diagnostics(self.options.clock.late().is_some());
-        if self.lone.is_some() {
-            all.extend(self.state.referee.diagnostics());
-        }
-        all.extend(self.clock_diagnostics());
-        all
+    fn information_nat(&self) -> f64 {
+        self.terrain.state.core.information_nat
     }
 }

@@ -81,7 +81,11 @@ impl PacketUpdates {
         for pair in self.track.windows(2) {
             let ((t0, p0), (t1, p1)) = (pair[0], pair[1]);
             if t_ns <= t1 {
-                let share = if t1 > t0 { (t_ns.max(t0) - t0) as f64 / (t1 - t0) as f64 } else { 1.0 };
+                let share = if t1 > t0 {
+                    t_ns.max(t0).saturating_sub(t0) as f64 / t1.saturating_sub(t0) as f64
+                } else {
+                    1.0
+                };
                 return [0, 1].map(|a| p0[a] + share * (p1[a] - p0[a]));
             }
         }
@@ -125,7 +129,11 @@ impl PacketUpdates {
             let there = self.at(t_ns);
             let step = [there[0] - here[0], there[1] - here[1]];
             if t_ns > now_ns {
-                self.ops.push(Op::Predict(model.prediction(step, seconds(t_ns - now_ns), speed_mps)));
+                self.ops.push(Op::Predict(model.prediction(
+                    step,
+                    seconds(t_ns.saturating_sub(now_ns)),
+                    speed_mps,
+                )));
                 since_m = since_m.map(|m| m + step[0].hypot(step[1]));
                 (now_ns, here) = (t_ns, there);
             }
@@ -156,7 +164,8 @@ impl PacketUpdates {
     }
 
     /// The fastest piece is the one without a turn, m/s.
-    fn speed(&self, report: &TeamReport) -> f64 {
+    #[must_use]
+    pub fn speed(&self, report: &TeamReport) -> f64 {
         let piece_s = report.window_s / report.pieces_m.len().max(1) as f64;
         report.pieces_m.iter().map(|p| p[0].hypot(p[1]) / piece_s.max(1e-3)).fold(0.0, f64::max)
     }

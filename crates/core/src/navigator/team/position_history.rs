@@ -51,10 +51,10 @@ impl PositionHistory {
     pub fn remember(&mut self, t_ns: i64, east: &[f64], north: &[f64]) {
         // The newest always stays; the one before it only if it is far enough from its own predecessor.
         let n = self.recent.len();
-        if n >= 2 && self.recent[n - 1].t_ns - self.recent[n - 2].t_ns < APART_NS {
+        if n >= 2 && self.recent[n - 1].t_ns.saturating_sub(self.recent[n - 2].t_ns) < APART_NS {
             self.spare.extend(self.recent.pop_back());
         }
-        while self.recent.len() >= 2 && t_ns - self.recent[1].t_ns > KEPT_NS {
+        while self.recent.len() >= 2 && t_ns.saturating_sub(self.recent[1].t_ns) > KEPT_NS {
             self.spare.extend(self.recent.pop_front());
         }
         let mut places = self.spare.pop().unwrap_or_default();
@@ -72,8 +72,8 @@ impl PositionHistory {
         if earlier.t_ns > t_ns {
             return false;
         }
-        let span_ns = (later.t_ns - earlier.t_ns).max(1);
-        let share = (t_ns - earlier.t_ns) as f64 / span_ns as f64;
+        let span_ns = later.t_ns.saturating_sub(earlier.t_ns).max(1);
+        let share = t_ns.saturating_sub(earlier.t_ns) as f64 / span_ns as f64;
         let columns = [(&earlier.east, &later.east), (&earlier.north, &later.north)];
         for (out, (earlier, later)) in at.iter_mut().zip(columns) {
             out.clear();

@@ -73,22 +73,30 @@ impl<const K: usize> Team<K> {
         toa_ns: i64,
     ) -> Option<RangeOp> {
         let (clock_m, clock_m2) = self.clock_difference(index, base);
-        let (radio, sender_depth_m) = (&self.radio, self.scratch.report.depth_m);
-        let sound_speed_mps = radio.sound_speed_mps;
         let range_m2 = self.options.sigma_range_m.powi(2);
-        let reduced = range_m(tol_ns, toa_ns, sound_speed_mps).and_then(|measured_m| {
-            let slant_m = measured_m - clock_m;
-            let scale_m = self.options.clock.scale_sigma(sound_speed_mps) * slant_m;
-            let sigma_m = (range_m2 + clock_m2 + scale_m * scale_m).sqrt();
-            slant_to_horizontal(slant_m, radio.depth_m, sender_depth_m, sigma_m, SLANT_GATES)
-                .map(|horizontal| (slant_m, horizontal.range_m))
-        });
-        let Ok((slant_m, horizontal_m)) = reduced else {
+        let Some((slant_m, horizontal_m)) = self.horizontal(tol_ns, toa_ns, clock_m, clock_m2) else {
             self.state.ranges.impossible += 1;
             return None;
         };
         let slope = (slant_m / horizontal_m.max(f64::MIN_POSITIVE) - 1.0).min(STEEPEST);
         Some(RangeOp { range_m: horizontal_m + clock_m, variance_m2: range_m2 + slope * slope * clock_m2 })
+    }
+
+    /// Slant and horizontal range to the sender of the packet in scratch, m, less what its clock is thought to add; `None`
+    /// for one that is not above zero, or shorter than the difference of the depths by more than its errors.
+    pub(super) fn horizontal(
+        &self,
+        tol_ns: i64,
+        toa_ns: i64,
+        clock_m: f64,
+        clock_m2: f64,
+    ) -> Option<(f64, f64)> {
+        let (radio, sender_depth_m) = (&self.radio, self.scratch.report.depth_m);
+        let slant_m = range_m(tol_ns, toa_ns, radio.sound_speed_mps).ok()? - clock_m;
+        let scale_m = self.options.clock.scale_sigma(radio.sound_speed_mps) * slant_m;
+        let sigma_m = (self.options.sigma_range_m.powi(2) + clock_m2 + scale_m * scale_m).sqrt();
+        let reduced = slant_to_horizontal(slant_m, radio.depth_m, sender_depth_m, sigma_m, SLANT_GATES);
+        reduced.ok().map(|horizontal| (slant_m, horizontal.range_m))
     }
 
     /// Mean, m, and variance, m², of a teammate's clock difference; zero where clocks agree.

@@ -5,8 +5,7 @@ use super::packet_updates::ReportModel;
 use super::ranges::find_usable;
 use super::{Team, Teammate};
 use crate::chart::{Chart, SigmaMap};
-use crate::event::VehicleId;
-use crate::event::seconds;
+use crate::event::{VehicleId, seconds};
 use crate::kernels::lookup::{Grid, Paired, bilinear};
 use crate::kernels::team::{BLOCK, BlockUpdates, Joints, MapSigma, Op, Own, Terrain, run};
 use crate::kernels::weights::{weighted_covariance, weighted_mean};
@@ -50,7 +49,10 @@ impl<const K: usize> Team<K> {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         }
-        let Some(mate) = self.known_or_joined(sender, tol_ns) else { return Outcome::Noted };
+        let mate = match self.known_or_joined(sender, toa_ns, tol_ns) {
+            Ok(mate) => mate,
+            Err(outcome) => return outcome,
+        };
         self.fuse(sender, tol_ns, toa_ns, mate);
         Outcome::Fused
     }
@@ -70,8 +72,8 @@ impl<const K: usize> Team<K> {
     }
 
     /// The teammate as of its last packet, its dead reckoning unwrapped; one that is heard for the first time is taken in
-    /// where its fix was. `None` while its packets do not say where it started.
-    fn known_or_joined(&mut self, sender: VehicleId, tol_ns: i64) -> Option<Teammate> {
+    /// where its fix was. Noted while its packets do not say where it started, gated where it cannot have.
+    fn known_or_joined(&mut self, sender: VehicleId, toa_ns: i64, tol_ns: i64) -> Result<Teammate, Outcome> {
         let report = &mut self.scratch.report;
         let modulus = report.position_modulus_m;
         let reference = match &self.state.mates[usize::from(sender)] {
@@ -82,14 +84,23 @@ impl<const K: usize> Team<K> {
             *position = unwrap_near(*position, modulus, reference);
         }
         if let Some(mate) = self.state.mates[usize::from(sender)] {
-            return Some(mate);
+            return Ok(mate);
         }
-        let fix = report.fix?;
+        let fix = report.fix.ok_or(Outcome::Noted)?;
+        let prior = self.options.clock.prior(self.radio.sound_speed_mps, seconds(tol_ns));
+        // Without a range nothing says whether it can have started there.
+        let (_, range_m) = self.horizontal(tol_ns, toa_ns, 0.0, prior.difference_m2).ok_or(Outcome::Noted)?;
+        if self.start_contradicts(sender, toa_ns, range_m, &fix) {
+            self.terrain.state.core.rejected += 1;
+            return Err(Outcome::Gated);
+        }
+        let report = &mut self.scratch.report;
         let mut mate = Teammate {
             tol_ns: tol_ns.saturating_sub((fix.age_s * 1e9).round() as i64),
             position_m: report.position_m,
             sequence: report.sequence,
             since_sounding_m: None,
+            contradicting_fixes: 0,
         };
         let residual_m = match fix.said {
             FixSays::Start(since_m) => {
@@ -133,20 +144,21 @@ impl<const K: usize> Team<K> {
         };
         let group = self.group_of(sender);
         self.state.groups[group].join(sender, at, offset, &prior);
-        Some(mate)
+        Ok(mate)
     }
 
     fn fuse(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, mate: Teammate) {
         let index = self.group_of(sender);
         let Some(base) = self.state.groups[index].base_of(sender) else { return };
         self.scratch.updates.trace(&self.scratch.report, tol_ns, &mate);
+        let contradicting_fixes = self.weigh_up_fix(index, base, sender, tol_ns, &mate);
         let shift_m = self.depth_shift(index, base, tol_ns, &mate);
         let mut drift = self.options.drifts[usize::from(sender)];
         let share = self.options.current_difference.min(1.0);
         drift.sigma_current_mps_per_sqrt_s *= share;
         if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.terrain.state.core.now_ns()) {
             let linear = &self.terrain.state.core.cloud.linear;
-            let ago_s = (now_ns - tol_ns) as f64 * 1e-9;
+            let ago_s = seconds(now_ns.saturating_sub(tol_ns));
             let hidden = current.since(sender, linear, ago_s, &mut self.scratch.current);
             drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(hidden.sqrt());
         }
@@ -182,7 +194,7 @@ impl<const K: usize> Team<K> {
         if let Some(range) = own.filter(|_| used) {
             self.state.outgoing.range(sender, sequence, range.range_m);
         }
-        let mate = Teammate { tol_ns, position_m, sequence, since_sounding_m };
+        let mate = Teammate { tol_ns, position_m, sequence, since_sounding_m, contradicting_fixes };
         self.state.mates[usize::from(sender)] = Some(mate);
         self.weigh(column);
     }
@@ -200,7 +212,7 @@ impl<const K: usize> Team<K> {
         let began = updates.at(mate.tol_ns);
         report.soundings.iter().find_map(|s| {
             let t_ns = tol_ns.saturating_sub((s.age_s * 1e9).round() as i64);
-            let (at, dt_s) = (updates.at(t_ns), (t_ns - mate.tol_ns) as f64 * 1e-9);
+            let (at, dt_s) = (updates.at(t_ns), seconds(t_ns.saturating_sub(mate.tol_ns)));
             let place = [0, 1].map(|a| state(a) + at[a] - began[a] + state(3 + a) * dt_s);
             let depth = bilinear(&filled_grid(self.filled.as_deref(), chart), place[0], place[1]);
             let whole = unwrap_near(s.water_depth_m, report.depth_modulus_m, depth + state(2));
@@ -331,5 +343,5 @@ fn add_row(row: &[f64], weights: &[f64], column: &mut [f64]) {
 /// The chart with its holes filled, where it has any.
 fn filled_grid<'a>(filled: Option<&'a [Paired]>, chart: &'a Chart) -> Grid<'a, Paired> {
     let grid = chart.grid();
-    Grid { values: filled.unwrap_or(grid.values), ..grid }
+    filled.map_or(grid, |values| grid.with_values(values))
 }

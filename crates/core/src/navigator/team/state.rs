@@ -21,6 +21,8 @@ pub struct Teammate {
     pub sequence: u8,
     /// Distance travelled since its last sounding that was used, m.
     pub since_sounding_m: Option<f64>,
+    /// Fixes in a row that it told and that contradict its block.
+    pub contradicting_fixes: u32,
 }
 
 /// Teammates, own data that is not told yet, counts.

@@ -81,6 +81,18 @@ impl<const K: usize> TerrainCore<K> {
         (mean, weighted_mean(w, &cloud.offset_variance) + weighted_covariance(w, b, mean, b, mean))
     }
 
+    /// As the particle core, with the datum offset and the alarms.
+    #[must_use]
+    pub fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = self.state.core.diagnostics();
+        let (mean_m, variance_m2) =
+            if self.state.core.started() { self.datum_offset() } else { (f64::NAN, f64::NAN) };
+        said.push(("datum_offset_m", mean_m));
+        said.push(("sigma_datum_offset_m", variance_m2.sqrt()));
+        said.push(("alarms", self.state.alarms as f64));
+        said
+    }
+
     /// A fix up to its weights: resampling is left to the caller.
     pub fn weigh_fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let core = &mut self.state.core;
