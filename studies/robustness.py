@@ -144,13 +144,14 @@ OUTRO = """
 
 ## What the rows say
 
-Eight missions of three vehicles show a loss of one vehicle in ten and an RMSE to about 5 %; they do not show a loss of one
-in a hundred. Told the truth, offsets, drift, sound speed and late arrivals each cost `team` at most 6 % in `flat-bay`, all
-together 4 %; in `st-john-drift` all together cost 10 %. Told a third or three times of a clock's sigma, it stays as it is.
+Eight missions of three vehicles show a loss of one vehicle in ten and an RMSE to about 5 %; they do not show a loss
+of one in a hundred. Told the truth, offsets, drift, sound speed and late arrivals each cost `team` at most 6 % in
+`flat-bay`, all together 4 %; in `st-john-drift` all together cost 10 %. Told a third or three times of a clock's
+sigma, it stays as it is.
 
-Late arrivals that hold are the hard case: the model takes each as independent, while a reef makes many ranges of one pair
-late by the same length. The error grows by 30 % and NEES to 2.7, and nobody is lost. `mpf`, which does not estimate clocks,
-stays below what it has alone.
+Late arrivals that hold are the hard case: the model takes each as independent, while a reef makes many ranges of one
+pair late by the same length. The error grows by 30 % and NEES to 2.7, and nobody is lost. `mpf`, which does not
+estimate clocks, stays below what it has alone.
 """
 
 
