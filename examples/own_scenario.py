@@ -1,4 +1,4 @@
-"""A scenario of one's own: a chart from an array, a TOML file that names it, a run, and the run repeated with a slower current.
+"""A scenario of one's own: a chart from an array, a TOML file that names it, a run, and a run with a slower current.
 
 Files go to the folder `own-scenario` below the current one, or to the folder that the command line names.
 """
