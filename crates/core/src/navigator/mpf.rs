@@ -6,14 +6,17 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::diagnostics::teammates;
+use super::last_heard::LastHeard;
 use super::radio::{HeardBelief, Radio};
 use super::range::RangeOptions;
-use super::range_novelty::RangeNovelty;
+use super::range_novelty;
+use super::settings::check_all;
+use super::settings::range::RangeSettings;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, positive};
+use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::packet::PacketKind;
 
@@ -24,7 +27,7 @@ pub struct MpfOptions {
     pub terrain: TerrainOptions,
     /// Range likelihood; none leaves ranges unused and keeps silent.
     pub range: Option<RangeOptions>,
-    /// Of a teammate's range, count only what is new since it was last heard ([`RangeNovelty`]).
+    /// Of a teammate's range, count only what is new since it was last heard ([`range_novelty`]).
     pub range_novelty: bool,
     /// Form of the broadcast belief.
     pub packet: PacketKind,
@@ -44,7 +47,7 @@ pub struct Mpf<const K: usize> {
 #[derive(Serialize, Deserialize)]
 struct LinkState {
     radio: Radio,
-    range_novelty: RangeNovelty,
+    last_heard: LastHeard,
 }
 
 impl<const K: usize> Mpf<K> {
@@ -61,7 +64,7 @@ impl<const K: usize> Mpf<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         if let Some(range) = &options.range {
-            positive("sigma_range_m", range.sigma_m)?;
+            check_all(&RangeSettings::BOUNDS, &[("sigma_range_m", range.sigma_m)])?;
         }
         Ok(Self {
             own,
@@ -69,7 +72,7 @@ impl<const K: usize> Mpf<K> {
             terrain: TerrainCore::new(own, options.terrain, chart, seed)?,
             link: LinkState {
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
-                range_novelty: RangeNovelty::new(vehicles),
+                last_heard: LastHeard::new(vehicles),
             },
         })
     }
@@ -106,7 +109,7 @@ impl<const K: usize> Mpf<K> {
         let share = self.new_share(sender, tol_ns, &heard);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
-            self.link.range_novelty.heard(sender, tol_ns, heard.said.moments().1);
+            self.link.last_heard.keep(sender, tol_ns, heard.said.moments().1);
             self.terrain.resample();
         }
         outcome
@@ -116,8 +119,7 @@ impl<const K: usize> Mpf<K> {
 impl<const K: usize> Mpf<K> {
     /// Share of this belief that counts: all of it, or what is new.
     fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief) -> f64 {
-        let (true, Some(before_ns)) = (self.options.range_novelty, self.link.range_novelty.heard_at(sender))
-        else {
+        let (true, Some(before)) = (self.options.range_novelty, self.link.last_heard.of(sender)) else {
             return 1.0;
         };
         let (theirs, covariance_m2) = heard.said.moments();
@@ -127,8 +129,8 @@ impl<const K: usize> Mpf<K> {
         let distance_m = de.hypot(dn).max(LEAST_DISTANCE_M);
         let direction = [de / distance_m, dn / distance_m];
         // A teammate drifts as this vehicle does: its packets have no room for more.
-        let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before_ns)));
-        self.link.range_novelty.share(sender, covariance_m2, direction, &growth)
+        let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before.tol_ns)));
+        range_novelty::share(before.covariance_m2, covariance_m2, direction, &growth)
     }
 }
 
@@ -204,8 +206,7 @@ impl<const K: usize> Navigator for Mpf<K> {
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         let mut said = self.terrain.diagnostics();
         if self.options.range.is_some() {
-            let heard = self.link.range_novelty.last_heard();
-            said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+            said.extend(teammates(self.terrain.state.core.now_ns(), self.link.last_heard.all()));
         }
         said
     }

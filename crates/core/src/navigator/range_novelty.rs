@@ -6,10 +6,6 @@
 //! between them: a prediction is correlated with the estimate that it started from, and a corrected estimate is
 //! correlated with its prediction by the square root of the share of the variance that remains.
 
-use serde::{Deserialize, Serialize};
-
-use crate::event::VehicleId;
-
 /// How a position error grows in dead reckoning, along one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
@@ -21,56 +17,12 @@ pub struct Growth {
     pub walk_m2: f64,
 }
 
-/// The covariance that each teammate last broadcast of its own position.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct RangeNovelty {
-    last: Vec<Option<LastBroadcast>>,
-}
-
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct LastBroadcast {
-    tol_ns: i64,
-    covariance_m2: [f64; 3],
-}
-
-impl RangeNovelty {
-    /// Of a team of `vehicles` in which no packet was received yet.
-    #[must_use]
-    pub fn new(vehicles: usize) -> Self {
-        Self { last: vec![None; vehicles] }
-    }
-
-    /// Launch of this teammate's last packet, ns; `None` before its first one.
-    #[must_use]
-    pub fn heard_at(&self, sender: VehicleId) -> Option<i64> {
-        self.last.get(usize::from(sender)).copied().flatten().map(|last| last.tol_ns)
-    }
-
-    /// When each teammate that was heard last launched a packet, and its covariance [ee, en, nn] then, m².
-    pub fn last_heard(&self) -> impl Iterator<Item = (i64, [f64; 3])> + '_ {
-        self.last.iter().flatten().map(|last| (last.tol_ns, last.covariance_m2))
-    }
-
-    /// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector); 1 for a teammate's first packet.
-    #[must_use]
-    pub fn share(
-        &self,
-        sender: VehicleId,
-        covariance_m2: [f64; 3],
-        direction: [f64; 2],
-        growth: &Growth,
-    ) -> f64 {
-        let Some(last) = self.last.get(usize::from(sender)).copied().flatten() else { return 1.0 };
-        let rho = correlation(along(last.covariance_m2, direction), along(covariance_m2, direction), growth);
-        ((1.0 - rho) / (1.0 + rho)).max(LEAST)
-    }
-
-    /// Keeps the covariance of a packet for the next one.
-    pub fn heard(&mut self, sender: VehicleId, tol_ns: i64, covariance_m2: [f64; 3]) {
-        if let Some(last) = self.last.get_mut(usize::from(sender)) {
-            *last = Some(LastBroadcast { tol_ns, covariance_m2 });
-        }
-    }
+/// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector), from the covariances [ee, en, nn]
+/// that the teammate broadcast before, `then_m2`, and broadcasts now. A teammate's first packet counts whole.
+#[must_use]
+pub fn share(then_m2: [f64; 3], now_m2: [f64; 3], direction: [f64; 2], growth: &Growth) -> f64 {
+    let rho = correlation(along(then_m2, direction), along(now_m2, direction), growth);
+    ((1.0 - rho) / (1.0 + rho)).max(LEAST)
 }
 
 /// Lower bound of the exponent: a likelihood to this power changes nothing.
@@ -102,11 +54,7 @@ mod tests {
     const EAST: [f64; 2] = [1.0, 0.0];
 
     fn share(then: [f64; 3], now: [f64; 3], growth: &Growth) -> f64 {
-        let mut novelty = RangeNovelty::new(2);
-        assert_eq!(novelty.share(1, then, EAST, growth), 1.0, "the first packet is entirely new");
-        novelty.heard(1, 7, then);
-        assert_eq!((novelty.heard_at(0), novelty.heard_at(1)), (None, Some(7)));
-        novelty.share(1, now, EAST, growth)
+        super::share(then, now, EAST, growth)
     }
 
     #[test]

@@ -23,13 +23,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::diagnostics::teammates;
-use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, positive};
+use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
 use crate::packet::{CRC_BYTES, TEAM_MAX, TeamLayout, TeamReport};
@@ -101,7 +100,7 @@ impl<const K: usize> Team<K> {
         sound_speed_mps: f64,
         seed: u64,
     ) -> Result<Self, Error> {
-        positive("sigma_range_m", options.sigma_range_m)?;
+        options.validate()?;
         if vehicles > usize::from(TEAM_MAX) {
             let value = vehicles as f64;
             return Err(Error::OutOfBound { quantity: "vehicles of a team", value, bound: "1 to 16" });
@@ -109,11 +108,6 @@ impl<const K: usize> Team<K> {
         if options.drifts.len() != vehicles {
             let found = options.drifts.len();
             return Err(Error::Length { quantity: "drifts of the team", found, expected: vehicles });
-        }
-        options.drifts.iter().try_for_each(Drift::validate)?;
-        if !(1..=15).contains(&options.group_size) {
-            let value = options.group_size as f64;
-            return Err(Error::OutOfBound { quantity: "group_size", value, bound: "1 to 15" });
         }
         let overhead = if options.tag_bytes > 0 { options.tag_bytes } else { CRC_BYTES };
         let layout = TeamLayout::new(vehicles, options.frame_bytes.saturating_sub(overhead))?;
