@@ -7,6 +7,7 @@ pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
 pub mod landmark;
+pub mod last_heard;
 pub mod mpf;
 pub mod origin;
 pub mod packaged;

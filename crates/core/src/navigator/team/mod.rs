@@ -25,13 +25,12 @@ pub use options::TeamOptions;
 use std::sync::Arc;
 
 use super::diagnostics::teammates;
-use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, non_negative, positive};
+use crate::error::{Error, non_negative};
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
 use crate::kernels::team::BlockLayout;
@@ -87,7 +86,7 @@ impl<const K: usize> Team<K> {
         sound_speed_mps: f64,
         seed: u64,
     ) -> Result<Self, Error> {
-        positive("sigma_range_m", options.sigma_range_m)?;
+        options.validate()?;
         non_negative("referee_nat", options.referee_nat)?;
         options.clock.validate()?;
         if vehicles > usize::from(TEAM_MAX) {
@@ -97,11 +96,6 @@ impl<const K: usize> Team<K> {
         if options.drifts.len() != vehicles {
             let found = options.drifts.len();
             return Err(Error::Length { quantity: "drifts of the team", found, expected: vehicles });
-        }
-        options.drifts.iter().try_for_each(Drift::validate)?;
-        if !(1..=15).contains(&options.group_size) {
-            let value = options.group_size as f64;
-            return Err(Error::OutOfBound { quantity: "group_size", value, bound: "1 to 15" });
         }
         let overhead = if options.tag_bytes > 0 { options.tag_bytes } else { CRC_BYTES };
         let layout = TeamLayout::new(vehicles, options.frame_bytes.saturating_sub(overhead))?;
