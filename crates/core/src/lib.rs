@@ -11,6 +11,7 @@ pub mod event;
 pub mod information;
 pub mod kernels;
 pub mod link;
+pub mod measurement;
 pub mod mixture;
 pub mod navigator;
 pub mod packet;
