@@ -104,7 +104,7 @@ class TerrainKalman:
 
 
 def main() -> None:
-    navigators = ["dead-reckoning", Custom("terrain-kalman", TerrainKalman), "mpf"]
+    navigators: list[str | Custom] = ["dead-reckoning", Custom("terrain-kalman", TerrainKalman), "mpf"]
     result = uwcoop.run("st-john", navigators, seed=1)
     for name, navigator in result.summary["navigators"].items():
         for vehicle, merit in navigator["vehicles"].items():
