@@ -228,6 +228,42 @@ impl<const K: usize> Cloud<K> {
         self.equalise();
     }
 
+    /// Becomes `count` equally weighted particles drawn from `source` at regular steps of its summed weights, so that two
+    /// draws of one cloud differ by at most one copy of a particle.
+    pub fn draw_from(&mut self, source: &Self, count: usize, stream: &Stream) {
+        let mut start = [0.0];
+        stream.uniforms(0, &mut start);
+        self.scratch.ancestors.clear();
+        let (mut sum, step) = (0.0, 1.0 / count as f64);
+        for (i, weight) in source.weights.iter().enumerate() {
+            sum += weight;
+            // Rounding may leave the sum a little below 1: the last particle takes what is left.
+            let until = if i + 1 == source.len() { f64::INFINITY } else { sum };
+            while self.scratch.ancestors.len() < count
+                && (self.scratch.ancestors.len() as f64 + start[0]) * step < until
+            {
+                self.scratch.ancestors.push(i as u32);
+            }
+        }
+        let ancestors = &self.scratch.ancestors;
+        let take = |to: &mut Vec<f64>, from: &[f64]| {
+            to.clear();
+            to.extend(ancestors.iter().map(|a| from[*a as usize]));
+        };
+        take(&mut self.east, &source.east);
+        take(&mut self.north, &source.north);
+        for (to, from) in self.linear.iter_mut().zip(&source.linear) {
+            take(to, from);
+        }
+        if !source.offset.is_empty() {
+            take(&mut self.offset, &source.offset);
+            take(&mut self.offset_variance, &source.offset_variance);
+        }
+        self.weights.resize(count, 0.0);
+        self.log_weights.resize(count, 0.0);
+        self.equalise();
+    }
+
     /// Whom each particle was copied from in the last [`Cloud::resample`].
     #[must_use]
     pub fn ancestors(&self) -> &[u32] {

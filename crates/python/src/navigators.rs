@@ -66,13 +66,14 @@ impl Estimate {
         self.inner.rejected
     }
 
-    /// `not started`, `navigating` or `off chart`.
+    /// `not started`, `navigating`, `off chart` or `acquiring`.
     #[getter]
     fn status(&self) -> &'static str {
         match self.inner.status {
             Status::NotStarted => "not started",
             Status::Navigating => "navigating",
             Status::OffChart => "off chart",
+            Status::Acquiring => "acquiring",
         }
     }
 
@@ -231,6 +232,8 @@ impl Options<'_, '_> {
             sigma_map_m: self.maybe("sigma_map_m")?,
             sounding_spacing_m: self.number("sounding_spacing_m")?,
             least_ess_share: self.number("least_ess_share")?,
+            acquisition_sigma_m: self.number("acquisition_sigma_m")?,
+            acquisition_particles: self.count("acquisition_particles")?,
             monitor: self.monitor()?,
             drift: drift.map_or_else(|| self.drift(), Ok)?,
         })

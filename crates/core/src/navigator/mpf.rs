@@ -135,7 +135,7 @@ impl<const K: usize> Navigator for Mpf<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.link.radio.check_sender(&event.payload)?;
-        self.terrain.state.core.advance(event.t_ns);
+        self.terrain.advance(event.t_ns);
         match &event.payload {
             Payload::Motion { velocity_mps } => {
                 self.terrain.state.core.velocity_mps = *velocity_mps;

@@ -166,16 +166,16 @@ impl<const K: usize> Team<K> {
 
     /// The own particles make a step, and what must know of it is told.
     fn advance(&mut self, t_ns: i64) {
-        let core = &mut self.terrain.state.core;
-        let Some(before_ns) = core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
-            core.advance(t_ns);
+        let Some(before_ns) = self.terrain.state.core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
+            self.terrain.advance(t_ns);
             return;
         };
-        let covariance = core.covariance;
+        let covariance = self.terrain.state.core.covariance;
         if let Some(current) = &mut self.state.current {
-            current.before(&core.cloud.linear);
+            current.before(&self.terrain.state.core.cloud.linear);
         }
-        let step = core.advance(t_ns);
+        let step = self.terrain.advance(t_ns);
+        let core = &self.terrain.state.core;
         if let Some(current) = &mut self.state.current {
             let dt_s = seconds(t_ns - before_ns);
             current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);

@@ -2,8 +2,10 @@
 //! (tide). Absolute depth is used once per sounding, tempered by the distance over which the chart's error stays itself,
 //! with Student tails; a health monitor spreads a cloud that no longer explains its soundings.
 
+mod acquisition;
 mod monitor;
 mod options;
+mod search_region;
 mod sounding;
 
 pub use options::{MonitorOptions, TerrainOptions};
@@ -19,6 +21,8 @@ use crate::error::Error;
 use crate::event::VehicleId;
 use crate::kernels::weights::{weighted_covariance, weighted_mean};
 use crate::random::{Purpose, Streams};
+use acquisition::Acquisition;
+use search_region::SearchRegion;
 use sounding::SoundingScratch;
 
 /// The core, with K = 2 (current) or 4 (and compass and thrust bias) linear states.
@@ -42,6 +46,10 @@ pub struct TerrainState<const K: usize> {
     health: f64,
     alarms: u64,
     last_alarm_ns: Option<i64>,
+    /// The search for the position, while it is known too little.
+    acquisition: Option<Box<Acquisition<K>>>,
+    /// Where the vehicle may be by its wide start and dead reckoning; none for one that never was acquired.
+    region: Option<SearchRegion<K>>,
 }
 
 impl<const K: usize> TerrainCore<K> {
@@ -61,7 +69,7 @@ impl<const K: usize> TerrainCore<K> {
         Ok(Self {
             options,
             chart,
-            state: TerrainState { core, sounded_at_m: None, health: 1.0, alarms: 0, last_alarm_ns: None },
+            state: TerrainState { core, sounded_at_m: None, health: 1.0, alarms: 0, last_alarm_ns: None, acquisition: None, region: None },
             scratch: SoundingScratch::default(),
         })
     }
@@ -84,10 +92,17 @@ impl<const K: usize> TerrainCore<K> {
     /// A fix up to its weights: resampling is left to the caller.
     pub fn weigh_fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let core = &mut self.state.core;
-        let fresh = !core.started();
+        let (fresh, restarts) = (!core.started(), core.restarts);
         let outcome = core.fix(position_m, covariance_m2);
         if fresh {
             core.cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
+        }
+        if fresh || core.restarts != restarts {
+            self.state.acquisition = None;
+            self.state.region = None;
+            if largest_sigma(covariance_m2) > self.options.acquisition_sigma_m {
+                self.acquire(SearchRegion::around_fix(position_m, covariance_m2, &self.options.drift));
+            }
         }
         outcome
     }
@@ -102,4 +117,9 @@ impl<const K: usize> TerrainCore<K> {
             core.cloud.liu_west(&stream);
         }
     }
+}
+
+/// Standard deviation along the longest axis of a covariance [ee, en, nn].
+fn largest_sigma([ee, en, nn]: [f64; 3]) -> f64 {
+    (0.5 * (ee + nn) + (0.5 * (ee - nn)).hypot(en)).sqrt()
 }

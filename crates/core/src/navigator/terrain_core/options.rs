@@ -49,6 +49,10 @@ pub struct TerrainOptions {
     pub least_ess_share: f64,
     /// Health monitor.
     pub monitor: Option<MonitorOptions>,
+    /// A start known to less than this, along the longer axis, is searched for; so is a cloud that grew to twice as much, m.
+    pub acquisition_sigma_m: f64,
+    /// Particles while the position is searched for, at most.
+    pub acquisition_particles: usize,
     /// Process noise and priors.
     pub drift: Drift,
 }
@@ -80,6 +84,7 @@ impl TerrainOptions {
         }
         non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
         non_negative("least_ess_share", self.least_ess_share)?;
+        positive("acquisition_sigma_m", self.acquisition_sigma_m)?;
         Ok(())
     }
 }

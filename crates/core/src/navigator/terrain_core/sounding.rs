@@ -1,6 +1,7 @@
 //! One sounding: lookup, datum offset, tempered weights.
 
-use super::TerrainCore;
+use super::search_region::SearchRegion;
+use super::{TerrainCore, largest_sigma};
 use crate::chart::{Chart, SigmaMap};
 use crate::cloud::Cloud;
 use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
@@ -27,6 +28,8 @@ pub(super) struct SoundingScratch {
     variance: Vec<f64>,
     innovation: Vec<f64>,
     innovation_variance: Vec<f64>,
+    around: Vec<f64>,
+    map_m2: f64,
 }
 
 impl<const K: usize> TerrainCore<K> {
@@ -50,6 +53,16 @@ impl<const K: usize> TerrainCore<K> {
             dof: self.options.student_dof,
         };
 
+        if self.state.acquisition.is_none() && largest_sigma(core.cloud.position_moments().1) > 2.0 * self.options.acquisition_sigma_m {
+            let region = SearchRegion::of_cloud(&core.cloud, &core.covariance);
+            self.acquire(region);
+        }
+        if self.acquiring() {
+            self.state.sounded_at_m = Some(travelled_m);
+            return (self.acquire_sounding(model, apart_m.unwrap_or(f64::INFINITY), water_depth_m), None);
+        }
+        let core = &mut self.state.core;
+        let Some(chart) = &self.chart else { return (Outcome::Noted, None) };
         let scratch = &mut self.scratch;
         scratch.look_up(chart, &core.cloud.east, &core.cloud.north);
         scratch.sigma_map(self.options.sigma_map_m, chart, &core.cloud.east, &core.cloud.north);
@@ -71,18 +84,78 @@ impl<const K: usize> TerrainCore<K> {
             model.sigma_m *= 2.0;
         }
         self.state.sounded_at_m = Some(travelled_m);
-        for (b, c) in core.cloud.offset.iter_mut().zip(&self.scratch.correction) {
-            *b += c;
-        }
-        core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
+        self.scratch.correct(&mut core.cloud);
         core.cloud.reweight(column);
         (Outcome::Fused, health)
     }
 }
 
 impl SoundingScratch {
+    /// Takes the offsets that the last [`SoundingScratch::weigh`] found.
+    pub(super) fn correct<const K: usize>(&self, cloud: &mut Cloud<K>) {
+        for (b, c) in cloud.offset.iter_mut().zip(&self.correction) {
+            *b += c;
+        }
+        cloud.offset_variance.copy_from_slice(&self.variance);
+    }
+
+    /// Mean variance of the chart's error, m².
+    pub(super) fn noise_of_map(&self) -> f64 {
+        self.map_m2
+    }
+
+    /// Depths under the particles, the chart's error widened by how much the depth varies within `kernel_m` (its variance
+    /// on each axis) of them. Returns the mean of that variation, m².
+    pub(super) fn look_up_around<const K: usize>(
+        &mut self,
+        chart: &Chart,
+        cloud: &Cloud<K>,
+        kernel_m: f64,
+        fixed_m: Option<f64>,
+    ) -> f64 {
+        let (east, north) = (&cloud.east, &cloud.north);
+        let n = east.len();
+        self.resize(n);
+        self.around.resize(5 * n, 0.0);
+        let grid = chart.grid();
+        let offsets = [[0.0, 0.0], [kernel_m, 0.0], [-kernel_m, 0.0], [0.0, kernel_m], [0.0, -kernel_m]];
+        self.here.set(&grid, offsets.into_iter());
+        let around = &mut self.around;
+        let inside = pattern_depths(&grid, &self.here, east, north, |first, count, k, depths| {
+            for (out, d) in around[k * n + first..k * n + first + count].iter_mut().zip(depths) {
+                *out = f64::from(*d);
+            }
+        });
+        if !inside {
+            for (row, [de, dn]) in around.chunks_mut(n).zip(offsets) {
+                for ((out, e), n) in row.iter_mut().zip(east).zip(north) {
+                    *out = bilinear(&grid, e + de, n + dn);
+                }
+            }
+        }
+        self.depth.copy_from_slice(&self.around[..n]);
+        self.sigma_map(fixed_m, chart, east, north);
+        let weights = cloud.weights();
+        self.map_m2 = self.sigma_map.iter().zip(weights).map(|(s, w)| w * s * s).sum();
+        let mut mean = 0.0;
+        for i in 0..n {
+            let (mut squares, mut known) = (0.0, 0.0);
+            for k in 1..5 {
+                let off = self.around[k * n + i] - self.depth[i];
+                if off.is_finite() {
+                    squares += off * off;
+                    known += 1.0;
+                }
+            }
+            let rho = if known > 0.0 { 2.0 * squares / known } else { 0.0 };
+            mean += weights[i] * rho;
+            self.sigma_map[i] = (self.sigma_map[i].powi(2) + rho).sqrt();
+        }
+        mean
+    }
+
     /// Log-likelihood of one sounding for each particle (NaN without a depth) and the offsets that would follow.
-    fn weigh<const K: usize>(
+    pub(super) fn weigh<const K: usize>(
         &mut self,
         model: &OffsetModel,
         cloud: &Cloud<K>,
@@ -127,9 +200,7 @@ impl SoundingScratch {
         if statistic.is_finite() { statistic } else { 0.0 }
     }
 
-    /// Depth under each particle, NaN where there is none.
-    fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
-        let n = east.len();
+    fn resize(&mut self, n: usize) {
         for column in [
             &mut self.depth,
             &mut self.sigma_map,
@@ -140,6 +211,11 @@ impl SoundingScratch {
         ] {
             column.resize(n, 0.0);
         }
+    }
+
+    /// Depth under each particle, NaN where there is none.
+    fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
+        self.resize(east.len());
         let grid = chart.grid();
         self.here.set(&grid, std::iter::once([0.0, 0.0]));
         let depth = &mut self.depth;
