@@ -234,6 +234,7 @@ impl Options<'_, '_> {
             least_ess_share: self.number("least_ess_share")?,
             acquisition_sigma_m: self.number("acquisition_sigma_m")?,
             acquisition_particles: self.count("acquisition_particles")?,
+            start_anywhere: self.flag("start_anywhere")?,
             monitor: self.monitor()?,
             drift: drift.map_or_else(|| self.drift(), Ok)?,
         })

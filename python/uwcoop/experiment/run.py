@@ -223,6 +223,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "packet_bytes": (each, sent, {"units": "byte", "long_name": "bytes sent, polls included"}),
             "rejected": (each, stack("rejected").astype(np.int64), {"long_name": "gated or rejected so far"}),
             "off_chart": (each, stack("off_chart"), {"long_name": "no chart to go by: dead reckoning"}),
+            "acquiring": (each, stack("acquiring"), {"long_name": "searching for its position"}),
             "heard": (each, heard, {"long_name": "a packet that arrived now was used"}),
             "received": (("vehicle", "time"), received, {"long_name": "a signal could be heard now"}),
             **optional,

@@ -140,9 +140,11 @@ class MpfOptions(FilterOptions):
     """A sounding that would leave a smaller effective share of the particles has its sigma doubled, six times at most."""
     acquisition_sigma_m: Positive = 20.0
     """A start known to less than this (sigma along the longer axis) is searched for with many particles, and so is a
-    position whose sigma grew to twice as much."""
+    position whose sigma grew to more than twice as much, and beyond what its particles can hold."""
     acquisition_particles: Annotated[int, Field(ge=10, le=10_000_000)] = 20_000
     """Particles while the position is searched for, at most."""
+    start_anywhere: bool = False
+    """Where no fix comes before the first sounding, begin anywhere on the chart."""
     bias_states: bool = False
     """Compass and thrust bias as further Kalman states."""
     range_method: Literal["gaussian"] = "gaussian"

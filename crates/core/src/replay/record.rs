@@ -66,6 +66,8 @@ pub struct Tracks {
     pub rejected: Vec<u64>,
     /// Whether the vehicle said it had no chart to go by.
     pub off_chart: Vec<bool>,
+    /// Whether the vehicle was searching for its position.
+    pub acquiring: Vec<bool>,
     /// What navigators said of themselves, a column for each name; NaN where one said nothing of the kind.
     pub diagnostics: BTreeMap<String, Vec<f64>>,
     /// (vehicle, TOL, bytes) of every packet sent; an answer to a poll with what it carries beside the packet.
@@ -101,6 +103,7 @@ impl Record {
             ess: vec![f64::NAN; n],
             rejected: vec![0; n],
             off_chart: vec![false; n],
+            acquiring: vec![false; n],
             ..Tracks::default()
         };
         Self { tracks, sample_ns, cloud_every }
@@ -143,6 +146,7 @@ impl Record {
         tracks.ess[at] = estimate.ess.unwrap_or(f64::NAN);
         tracks.rejected[at] = estimate.rejected;
         tracks.off_chart[at] = estimate.status == Status::OffChart;
+        tracks.acquiring[at] = estimate.status == Status::Acquiring;
     }
 
     fn diagnose(&mut self, at: usize, said: &[(&'static str, f64)]) {

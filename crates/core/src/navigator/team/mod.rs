@@ -180,16 +180,21 @@ impl<const K: usize> Team<K> {
             let dt_s = seconds(t_ns - before_ns);
             current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
         }
-        if step.is_some() && self.options.use_ranges {
+        if step.is_some() && self.options.use_ranges && !self.terrain.acquiring() {
             self.state.history.remember(t_ns, &core.cloud.east, &core.cloud.north);
         }
     }
 
     fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let restarts = self.terrain.state.core.restarts;
+        let acquiring = self.terrain.acquiring();
         let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
-        if outcome == Outcome::Fused {
+        // Nobody is told of a start before it is found.
+        if outcome == Outcome::Fused && !self.terrain.acquiring() {
             self.state.outgoing.fix(t_ns, position_m, covariance_m2);
+        }
+        if acquiring && !self.terrain.acquiring() {
+            self.found(t_ns);
         }
         if self.terrain.state.core.restarts != restarts {
             self.forget();
@@ -202,7 +207,11 @@ impl<const K: usize> Team<K> {
     fn sounding(&mut self, t_ns: i64, water_depth_m: f64, sigma_m: f64) -> Outcome {
         self.state.outgoing.sounding(t_ns, water_depth_m);
         self.state.sigma_sounding_m = Some(sigma_m);
+        let acquiring = self.terrain.acquiring();
         let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sigma_m);
+        if acquiring && !self.terrain.acquiring() {
+            self.found(t_ns);
+        }
         if let Some(statistic) = health {
             self.remember_own();
             if self.terrain.watch(statistic) {
@@ -213,6 +222,19 @@ impl<const K: usize> Team<K> {
             }
         }
         outcome
+    }
+
+    /// The search for the own position has ended: the particles are others than before, and a first one is a start.
+    fn found(&mut self, t_ns: i64) {
+        self.forget();
+        self.state.history.clear();
+        if let Some(current) = &mut self.state.current {
+            *current = SharedCurrent::new(self.options.terrain.particles, self.state.mates.len());
+        }
+        if !self.state.outgoing.started() {
+            let (mean, covariance) = self.terrain.state.core.cloud.position_moments();
+            self.state.outgoing.fix(t_ns, mean, covariance);
+        }
     }
 
     fn remember_launch(&mut self, tol_ns: i64, sequence: u8) {
@@ -289,7 +311,7 @@ impl<const K: usize> Navigator for Team<K> {
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
         let (terrain, radio, state): (TerrainState<K>, Radio, TeamState<K>) = load(snapshot)?;
-        self.terrain.state.core.check_same(&terrain.core)?;
+        self.terrain.check_same(&terrain)?;
         self.radio.check_same(&radio)?;
         if state.groups.len() != self.state.groups.len() || state.mates.len() != self.state.mates.len() {
             return Err(Error::Snapshot("made with another team".into()));

@@ -1,49 +1,76 @@
-//! Acquisition: finds a vehicle that is known only to be somewhere in a wide region, or lost, on its chart.
+//! The particles of an acquisition: many, each for its neighbourhood, and one more hypothesis beside them.
 //!
-//! Many particles stand for the region, each for its neighbourhood: a sounding's variance is widened by what the chart
-//! varies within half the particles' spacing, resampling moves each copy by that much, and nothing is shrunk towards a
-//! mean that lies between hypotheses. Their number follows the area that they still occupy. Beside them stands one more
-//! hypothesis, that the vehicle is at none of them: its share is in the estimate, and when it prevails the search begins
-//! anew over the whole region. When few cells are left, the ordinary cloud takes over.
+//! Liu–West regularisation with the covariance of the whole cloud pulls particles towards a mean that lies between the
+//! hypotheses and jitters them by many times the distance over which terrain changes. Here nothing is shrunk. A sounding's
+//! variance is widened by how much the chart varies within half the particles' spacing, and resampling moves each copy by
+//! as much; both vanish as the particles concentrate. That the vehicle is at none of them has a share of its own, which
+//! grows while a typical depth of the region explains the soundings better than the particles do.
 
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
+use super::TerrainOptions;
 use super::search_region::SearchRegion;
-use super::sounding::SoundingScratch;
-use super::{TerrainCore, TerrainOptions};
+use super::sounding::{SOFTENINGS, SoundingScratch};
 use crate::chart::Chart;
 use crate::cloud::Cloud;
-use crate::kernels::likelihood::OffsetModel;
+use crate::error::Error;
+use crate::kernels::likelihood::{OffsetModel, RangeBelief, add_range_gaussian};
 use crate::kernels::particles::{cholesky_2x2, prepare_step};
 use crate::navigator::drift::Drift;
 use crate::navigator::particle_core::ParticleCore;
-use crate::navigator::{Outcome, Status};
 use crate::random::Purpose;
 
-/// Side of the cells by which the occupied area is counted, m.
+/// Side of the cells by which the occupied area is counted, m: terrain changes over about as much.
 const CELL_M: f64 = 4.0;
-
-pub fn knob(name: &str, default: f64) -> f64 {
-    std::env::var(name).ok().and_then(|v| v.parse().ok()).unwrap_or(default)
-}
+/// Standard deviation on each axis of the neighbourhood that a particle stands for, in spacings.
+const KERNEL_SPACINGS: f64 = 0.5;
+/// Distance over which the misfit of a particle that is beside the truth stays itself, m.
+const MISFIT_LENGTH_M: f64 = 4.0;
+/// Particles for each square metre of the occupied area …
+const PARTICLES_PER_M2: f64 = 4.0;
+/// … but not fewer than this: modes may be as narrow as the noise.
+const LEAST_PARTICLES: usize = 4000;
+/// Probability that the vehicle is at none of the particles: at first, and at least.
+const ELSEWHERE_AT_FIRST: f64 = 0.05;
+const ELSEWHERE_AT_LEAST: f64 = 1e-4;
+/// One sounding changes its log-odds by no more.
+const MOST_EVIDENCE: f64 = 5.0;
+/// The ordinary cloud can take over at a smaller probability, where its particles would lie so close that the depth between
+/// two differs by less than the chart's error, or closer than this, m …
+const ELSEWHERE_AT_HAND_OVER: f64 = 1e-3;
+const NEAR_M: f64 = 1.0;
+/// … for so many soundings in a row.
+const SOUNDINGS_AT_HAND_OVER: u32 = 20;
+/// Soundings that share an error when a vehicle hardly moves: enough to make one count for nothing.
+const MOST_SHARED: f64 = 1e6;
 
 /// An acquisition under way.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Acquisition<const K: usize> {
     cloud: Cloud<K>,
-    #[serde(skip)]
-    spare: Option<Box<Cloud<K>>>,
     covariance: SMatrix<f64, K, K>,
-    /// Distance between neighbouring particles, m.
+    /// Distance between neighbouring particles, m, and the area that they occupy.
     spacing_m: f64,
     area_m2: f64,
     /// Log-odds that the vehicle is at none of the particles.
     elsewhere: f64,
-    /// Mean and variance of the charted depth over the region.
+    /// Mean and variance of the charted depth over the region, m and m².
     depths: [f64; 2],
-    /// Soundings in a row after which a hand-over was due.
-    due: u32,
+    /// Soundings in a row at which the ordinary cloud could have taken over.
+    ready: u32,
+    #[serde(skip)]
+    spare: Option<Box<Cloud<K>>>,
+}
+
+fn log_odds(probability: f64) -> f64 {
+    (probability / (1.0 - probability)).ln()
+}
+
+/// Area that one particle can stand for, where the square of the slope is `slope2`: a square metre, or as much as the depth
+/// varies in no more than the chart is wrong by.
+pub fn area_of_a_particle_m2(map_m2: f64, slope2: f64) -> f64 {
+    (map_m2 / (KERNEL_SPACINGS.powi(2) * slope2).max(f64::MIN_POSITIVE)).max(NEAR_M * NEAR_M)
 }
 
 impl<const K: usize> Acquisition<K> {
@@ -61,80 +88,78 @@ impl<const K: usize> Acquisition<K> {
         let depths = SearchRegion::depths(chart, &cloud)?;
         let mut acquisition = Self {
             cloud,
-            spare: None,
             covariance,
             spacing_m: 0.0,
             area_m2: 0.0,
-            elsewhere: logit(knob("ELSE0", 0.05)),
+            elsewhere: log_odds(ELSEWHERE_AT_FIRST),
             depths,
-            due: 0,
+            ready: 0,
+            spare: None,
         };
         acquisition.measure();
         Some(acquisition)
     }
 
+    /// Refuses columns that differ in length: a snapshot's may.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`].
+    pub fn check(&self) -> Result<(), Error> {
+        if self.cloud.is_consistent() && !self.cloud.is_empty() {
+            return Ok(());
+        }
+        Err(Error::Snapshot("its particles of the acquisition differ in length".into()))
+    }
+
     /// Area that the particles occupy, and their spacing.
     fn measure(&mut self) {
-        let mut cells: Vec<u64> = self
-            .cloud
-            .east
-            .iter()
-            .zip(&self.cloud.north)
-            .map(|(e, n)| {
-                let cell = |x: &f64| (x / CELL_M).floor() as i32 as u32;
-                u64::from(cell(e)) << 32 | u64::from(cell(n))
-            })
-            .collect();
+        let cell = |x: f64| u64::from((x / CELL_M).floor() as i32 as u32);
+        let places = self.cloud.east.iter().zip(&self.cloud.north);
+        let mut cells: Vec<u64> = places.map(|(e, n)| (cell(*e) << 32) | cell(*n)).collect();
         cells.sort_unstable();
         cells.dedup();
         self.area_m2 = cells.len() as f64 * CELL_M * CELL_M;
         self.spacing_m = (self.area_m2 / self.cloud.ess()).sqrt();
     }
 
+    /// Propagates the particles.
     pub fn advance(&mut self, velocity_mps: [f64; 2], dt_s: f64, drift: &Drift, core: &mut ParticleCore<K>) {
-        let step = prepare_step(
-            &mut self.covariance,
-            velocity_mps,
-            dt_s,
-            drift.position_walk(dt_s),
-            &drift.walk(dt_s),
-        );
-        let stream = core.next_stream(Purpose::Acquisition);
-        self.cloud.propagate(&step, &stream);
+        let (position, linear) = (drift.position_walk(dt_s), drift.walk(dt_s));
+        let step = prepare_step(&mut self.covariance, velocity_mps, dt_s, position, &linear);
+        self.cloud.propagate(&step, &core.next_stream(Purpose::Acquisition));
     }
 
-    /// Weighs the particles by a sounding of which `apart_m` metres were travelled since the last.
-    fn weigh(
+    /// Weighs the particles by a sounding `apart_m` metres after the last, and says whether `count` ordinary particles
+    /// would now do.
+    pub fn weigh_sounding(
         &mut self,
         scratch: &mut SoundingScratch,
         chart: &Chart,
         options: &TerrainOptions,
         mut model: OffsetModel,
-        apart_m: f64,
-        water_depth_m: f64,
+        sounding: (f64, f64),
+        count: usize,
     ) {
-        let kernel_m = knob("KERNEL", 0.5) * self.spacing_m;
-        let rho = scratch.look_up_around(chart, &self.cloud, kernel_m, options.sigma_map_m);
-        let noise = model.sigma_m.powi(2) + scratch.noise_of_map();
-        let shared_m = knob("ELL", 4.0).max(kernel_m);
-        let n_rho = (2.0 * shared_m / apart_m.max(1e-9)).clamp(1.0, 1e6).max(model.shared);
-        model.shared = (model.shared * noise + n_rho * rho) / (noise + rho);
-        let q = options.sigma_offset_m_per_sounding.powi(2);
-        let mut column = self.cloud.likelihood_column();
-        let generic = {
-            let s = self.depths[1] + noise + options.sigma_offset0_m.powi(2);
-            (-0.5 * (water_depth_m - self.depths[0]).powi(2) / s - 0.5 * s.ln()) / model.shared
+        let (water_depth_m, apart_m) = sounding;
+        let kernel_m = KERNEL_SPACINGS * self.spacing_m;
+        let around = scratch.look_up_around(chart, &self.cloud, kernel_m, options.sigma_map_m);
+        let noise_m2 = model.sigma_m.powi(2) + around.map_m2;
+        // Beside the truth, the misfit of one sounding is that of the next: they count as one.
+        let same = (2.0 * MISFIT_LENGTH_M.max(kernel_m) / apart_m.max(1e-9)).clamp(model.shared, MOST_SHARED);
+        model.shared = (model.shared * noise_m2 + same * around.varies_m2) / (noise_m2 + around.varies_m2);
+        let typical = {
+            let variance = self.depths[1] + noise_m2 + options.sigma_offset0_m.powi(2);
+            let off = water_depth_m - self.depths[0];
+            -0.5 * (off * off / variance + variance.ln()) / model.shared
         };
-        for attempt in 0..=6 {
-            scratch.weigh(&model, &self.cloud, water_depth_m, q, &mut column);
-            column.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = generic);
+        let walk_m2 = options.sigma_offset_m_per_sounding.powi(2);
+        let mut column = self.cloud.likelihood_column();
+        for attempt in 0..=SOFTENINGS {
+            scratch.weigh(&model, &self.cloud, water_depth_m, walk_m2, &mut column);
+            // Where there is no chart, the depth is as anywhere in the region.
+            column.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = typical);
             if attempt == 0 {
-                let weights = self.cloud.weights();
-                let top = column.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
-                let sum: f64 = column.iter().zip(weights).map(|(l, w)| w * (l - top).exp()).sum();
-                let against = generic - (top + sum.ln());
-                let most = knob("CLAMP", 5.0);
-                self.elsewhere = (self.elsewhere + against.clamp(-most, most)).max(logit(knob("FLOOR", 1e-4)));
+                self.doubt(typical - self.log_evidence(&column));
             }
             if self.cloud.ess_after(&column) >= options.least_ess_share * self.cloud.len() as f64 {
                 break;
@@ -143,128 +168,95 @@ impl<const K: usize> Acquisition<K> {
         }
         scratch.correct(&mut self.cloud);
         self.cloud.reweight(column);
+        let slope2 = around.varies_m2 / (kernel_m * kernel_m).max(f64::MIN_POSITIVE);
+        let close = self.area_m2 <= area_of_a_particle_m2(around.map_m2, slope2) * count as f64;
+        let sure = self.elsewhere < log_odds(ELSEWHERE_AT_HAND_OVER);
+        self.ready = if close && sure { self.ready + 1 } else { 0 };
     }
 
-    fn resample(&mut self, options: &TerrainOptions, core: &mut ParticleCore<K>) {
+    /// ln of the mean likelihood of the particles.
+    fn log_evidence(&self, log_likelihood: &[f64]) -> f64 {
+        let top = log_likelihood.iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+        let terms = log_likelihood.iter().zip(self.cloud.weights());
+        top + terms.map(|(l, w)| w * (l - top).exp()).sum::<f64>().ln()
+    }
+
+    fn doubt(&mut self, evidence: f64) {
+        let changed = self.elsewhere + evidence.clamp(-MOST_EVIDENCE, MOST_EVIDENCE);
+        self.elsewhere = changed.max(log_odds(ELSEWHERE_AT_LEAST));
+    }
+
+    /// Whether it is likelier that the vehicle is at none of the particles.
+    pub fn failed(&self) -> bool {
+        self.elsewhere > 0.0
+    }
+
+    /// Whether the ordinary cloud can take over.
+    pub fn done(&self) -> bool {
+        self.ready >= SOUNDINGS_AT_HAND_OVER
+    }
+
+    /// Weighs the particles by a fix.
+    pub fn weigh_fix(&mut self, log_density: impl Fn(f64, f64) -> f64) {
+        let mut column = self.cloud.likelihood_column();
+        for ((l, e), n) in column.iter_mut().zip(&self.cloud.east).zip(&self.cloud.north) {
+            *l = log_density(*e, *n);
+        }
+        self.cloud.reweight(column);
+    }
+
+    /// Weighs the particles by a range to where a teammate believed to be, each with the neighbourhood it stands for.
+    pub fn weigh_range(&mut self, mut belief: RangeBelief, temper: f64, options: &TerrainOptions) {
+        belief.sigma_m = belief.sigma_m.hypot(KERNEL_SPACINGS * self.spacing_m);
+        let mut column = self.cloud.likelihood_column();
+        for _ in 0..=SOFTENINGS {
+            column.fill(0.0);
+            add_range_gaussian(&belief, temper, &self.cloud.east, &self.cloud.north, &mut column);
+            if self.cloud.ess_after(&column) >= options.least_ess_share * self.cloud.len() as f64 {
+                break;
+            }
+            belief.sigma_m *= 2.0;
+        }
+        self.cloud.reweight(column);
+    }
+
+    /// Resamples where the weights call for it, to as many particles as the occupied area needs.
+    pub fn resample(&mut self, options: &TerrainOptions, core: &mut ParticleCore<K>) {
         if self.cloud.ess() <= options.resample_share * self.cloud.len() as f64 {
             let most = options.acquisition_particles.max(core.cloud.len());
-            let wanted = (self.area_m2 / knob("PERPART", 0.25)) as usize;
-            let least = (knob("LEAST", 4000.0) as usize).max(core.cloud.len());
-            let count = wanted.clamp(least, most.max(least));
-            let mut spare = self.spare.take().unwrap_or_else(|| {
-                let mut cloud = Cloud::new(0);
-                cloud.add_offset();
-                Box::new(cloud)
-            });
+            let least = LEAST_PARTICLES.max(core.cloud.len()).min(most);
+            let count = ((self.area_m2 * PARTICLES_PER_M2) as usize).clamp(least, most);
+            let mut spare = self.spare.take().unwrap_or_else(|| Box::new(Cloud::new(0)));
             spare.draw_from(&self.cloud, count, &core.next_stream(Purpose::Acquisition));
             std::mem::swap(&mut *spare, &mut self.cloud);
             self.spare = Some(spare);
             self.measure();
-            self.cloud.spread(
-                knob("JITTER", 0.5) * self.spacing_m,
-                [0.0; K],
-                &core.next_stream(Purpose::Acquisition),
-            );
+            let jitter_m = KERNEL_SPACINGS * self.spacing_m;
+            self.cloud.spread(jitter_m, [0.0; K], &core.next_stream(Purpose::Acquisition));
         }
         self.measure();
     }
 
-    /// Shows the search in the ordinary cloud: a draw of its particles, with the share that is elsewhere from the region.
-    fn show(&self, region: &SearchRegion<K>, core: &mut ParticleCore<K>) {
-        let stream = core.next_stream(Purpose::Acquisition);
-        let count = core.cloud.len();
+    /// Makes the ordinary cloud a draw of the particles.
+    pub fn draw(&self, core: &mut ParticleCore<K>) {
+        let (stream, count) = (core.next_stream(Purpose::Acquisition), core.cloud.len());
         core.cloud.draw_from(&self.cloud, count, &stream);
         core.covariance = self.covariance;
+    }
+
+    /// As [`Acquisition::draw`], with the share that is elsewhere scattered over the region.
+    pub fn draw_with_doubt(&self, region: &SearchRegion<K>, core: &mut ParticleCore<K>) {
+        self.draw(core);
+        let count = core.cloud.len();
         let elsewhere = (count as f64 / (1.0 + (-self.elsewhere).exp())).round() as usize;
-        let stream = core.next_stream(Purpose::Acquisition);
         let (mean, covariance) = region.position();
         let [l11, l21, l22] = cholesky_2x2(covariance);
         let (mut a, mut b) = (vec![0.0; elsewhere], vec![0.0; elsewhere]);
-        stream.normal_pairs(0, &mut a, &mut b);
+        core.next_stream(Purpose::Acquisition).normal_pairs(0, &mut a, &mut b);
         for (k, (a, b)) in a.iter().zip(&b).enumerate() {
             let i = k * count / elsewhere;
             core.cloud.east[i] = mean[0] + l11 * a;
             core.cloud.north[i] = mean[1] + l21 * a + l22 * b;
         }
-        core.status = Status::Acquiring;
-    }
-}
-
-fn logit(p: f64) -> f64 {
-    (p / (1.0 - p)).ln()
-}
-
-impl<const K: usize> TerrainCore<K> {
-    /// Whether the position is being searched for.
-    #[must_use]
-    pub fn acquiring(&self) -> bool {
-        self.state.acquisition.is_some()
-    }
-
-    /// Advances the core, and the search with it.
-    pub fn advance(&mut self, t_ns: i64) -> Option<crate::kernels::particles::ParticleStep<K>> {
-        let before_ns = self.state.core.now_ns();
-        let step = self.state.core.advance(t_ns);
-        let dt_s = before_ns.map_or(0.0, |before| crate::event::seconds(t_ns.saturating_sub(before)));
-        if dt_s > 0.0 {
-            let velocity = self.state.core.velocity_mps;
-            let drift = &self.options.drift;
-            if let Some(region) = &mut self.state.region {
-                region.advance(velocity, dt_s, drift);
-            }
-            if let Some(acquisition) = &mut self.state.acquisition {
-                acquisition.advance(velocity, dt_s, drift, &mut self.state.core);
-            }
-        }
-        step
-    }
-
-    /// Begins a search over the region.
-    pub(super) fn acquire(&mut self, region: SearchRegion<K>) {
-        let Some(chart) = &self.chart else { return };
-        let core = &mut self.state.core;
-        self.state.acquisition = Acquisition::over(&region, &self.options, chart, core).map(Box::new);
-        if let Some(acquisition) = &self.state.acquisition {
-            acquisition.show(&region, core);
-            if knob("TRACE", 0.0) > 0.0 {
-                eprintln!("acquire {:?} at {:?}", region.position(), core.now_ns().map(|t| t as f64 * 1e-9));
-            }
-        }
-        self.state.region = Some(region);
-    }
-
-    /// A sounding while the position is searched for.
-    pub(super) fn acquire_sounding(&mut self, model: OffsetModel, apart_m: f64, water_depth_m: f64) -> Outcome {
-        let state = &mut self.state;
-        let (Some(chart), Some(acquisition), Some(region)) =
-            (&self.chart, &mut state.acquisition, &state.region)
-        else {
-            return Outcome::Noted;
-        };
-        let core = &mut state.core;
-        acquisition.weigh(&mut self.scratch, chart, &self.options, model, apart_m, water_depth_m);
-        if acquisition.elsewhere > 0.0 {
-            let region = region.clone();
-            self.acquire(region);
-            return Outcome::Fused;
-        }
-        acquisition.resample(&self.options, core);
-        acquisition.show(region, core);
-        let few = acquisition.area_m2 < knob("HAND", 1.0) * core.cloud.len() as f64;
-        acquisition.due = if few && acquisition.elsewhere < logit(knob("SURE", 1e-3)) { acquisition.due + 1 } else { 0 };
-        if f64::from(acquisition.due) >= knob("DUE", 10.0) {
-            if knob("TRACE", 0.0) > 0.0 {
-                eprintln!("hand over {:?} at {:?}", core.cloud.position_moments(), core.now_ns().map(|t| t as f64 * 1e-9));
-            }
-            let count = core.cloud.len();
-            let stream = core.next_stream(Purpose::Acquisition);
-            core.cloud.draw_from(&acquisition.cloud, count, &stream);
-            let stream = core.next_stream(Purpose::Acquisition);
-            core.cloud.liu_west(&stream);
-            core.status = Status::Navigating;
-            state.acquisition = None;
-            state.health = 1.0;
-        }
-        Outcome::Fused
     }
 }

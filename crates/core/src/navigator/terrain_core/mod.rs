@@ -2,6 +2,7 @@
 //! (tide). Absolute depth is used once per sounding, tempered by the distance over which the chart's error stays itself,
 //! with Student tails; a health monitor spreads a cloud that no longer explains its soundings.
 
+mod acquiring;
 mod acquisition;
 mod monitor;
 mod options;
@@ -69,7 +70,15 @@ impl<const K: usize> TerrainCore<K> {
         Ok(Self {
             options,
             chart,
-            state: TerrainState { core, sounded_at_m: None, health: 1.0, alarms: 0, last_alarm_ns: None, acquisition: None, region: None },
+            state: TerrainState {
+                core,
+                sounded_at_m: None,
+                health: 1.0,
+                alarms: 0,
+                last_alarm_ns: None,
+                acquisition: None,
+                region: None,
+            },
             scratch: SoundingScratch::default(),
         })
     }
@@ -98,11 +107,9 @@ impl<const K: usize> TerrainCore<K> {
             core.cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
         }
         if fresh || core.restarts != restarts {
-            self.state.acquisition = None;
-            self.state.region = None;
-            if largest_sigma(covariance_m2) > self.options.acquisition_sigma_m {
-                self.acquire(SearchRegion::around_fix(position_m, covariance_m2, &self.options.drift));
-            }
+            self.begin_at(position_m, covariance_m2);
+        } else if outcome == Outcome::Fused {
+            self.take_up_fix(position_m, covariance_m2);
         }
         outcome
     }
@@ -117,9 +124,4 @@ impl<const K: usize> TerrainCore<K> {
             core.cloud.liu_west(&stream);
         }
     }
-}
-
-/// Standard deviation along the longest axis of a covariance [ee, en, nn].
-fn largest_sigma([ee, en, nn]: [f64; 3]) -> f64 {
-    (0.5 * (ee + nn) + (0.5 * (ee - nn)).hypot(en)).sqrt()
 }

@@ -49,10 +49,13 @@ pub struct TerrainOptions {
     pub least_ess_share: f64,
     /// Health monitor.
     pub monitor: Option<MonitorOptions>,
-    /// A start known to less than this, along the longer axis, is searched for; so is a cloud that grew to twice as much, m.
+    /// A start known to less than this, along the longer axis, is searched for; so is a cloud that grew to more than twice
+    /// as much, and beyond what its particles can hold, m.
     pub acquisition_sigma_m: f64,
     /// Particles while the position is searched for, at most.
     pub acquisition_particles: usize,
+    /// Begin anywhere on the chart at the first sounding, where no fix came before it.
+    pub start_anywhere: bool,
     /// Process noise and priors.
     pub drift: Drift,
 }
@@ -85,6 +88,13 @@ impl TerrainOptions {
         non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
         non_negative("least_ess_share", self.least_ess_share)?;
         positive("acquisition_sigma_m", self.acquisition_sigma_m)?;
+        if !(10..=10_000_000).contains(&self.acquisition_particles) {
+            return Err(Error::OutOfBound {
+                quantity: "acquisition_particles",
+                value: self.acquisition_particles as f64,
+                bound: "10 to 10,000,000",
+            });
+        }
         Ok(())
     }
 }

@@ -10,7 +10,7 @@ use crate::kernels::weights::{weighted_covariance, weighted_mean};
 use crate::navigator::drift::Drift;
 use crate::random::Stream;
 
-/// Positions that are off the chart are drawn again at most so often: a vehicle that sounds is taken to be on its chart.
+/// Positions of a start that are off the chart are drawn again at most so often.
 const REDRAWS: u32 = 32;
 
 /// Joint Gaussian of the position and the linear states, predicted by dead reckoning and never updated by soundings.
@@ -21,6 +21,8 @@ pub struct SearchRegion<const K: usize> {
     position: Matrix2<f64>,
     cross: SMatrix<f64, 2, K>,
     covariance: SMatrix<f64, K, K>,
+    /// A vehicle that starts is taken to be on its chart; one that was under way may have left it.
+    on_chart: bool,
 }
 
 impl<const K: usize> SearchRegion<K> {
@@ -32,6 +34,7 @@ impl<const K: usize> SearchRegion<K> {
             position: Matrix2::new(ee, en, en, nn),
             cross: SMatrix::zeros(),
             covariance: drift.prior(),
+            on_chart: true,
         }
     }
 
@@ -45,13 +48,12 @@ impl<const K: usize> SearchRegion<K> {
             mean_m: mean.into(),
             linear: linear.into(),
             position: Matrix2::new(ee, en, en, nn),
-            cross: SMatrix::from_fn(|r, c| {
-                weighted_covariance(w, at[r], mean[r], &columns[c], linear[c])
-            }),
+            cross: SMatrix::from_fn(|r, c| weighted_covariance(w, at[r], mean[r], &columns[c], linear[c])),
             covariance: shared
                 + SMatrix::from_fn(|r, c| {
                     weighted_covariance(w, &columns[r], linear[r], &columns[c], linear[c])
                 }),
+            on_chart: false,
         }
     }
 
@@ -62,10 +64,25 @@ impl<const K: usize> SearchRegion<K> {
         let [ee, en, nn] = drift.position_walk(dt_s);
         self.mean_m += Vector2::from(velocity_mps) * dt_s + f * self.linear;
         let coupled = f * self.cross.transpose();
-        self.position +=
-            coupled + coupled.transpose() + f * self.covariance * f.transpose() + Matrix2::new(ee, en, en, nn);
+        self.position += coupled
+            + coupled.transpose()
+            + f * self.covariance * f.transpose()
+            + Matrix2::new(ee, en, en, nn);
         self.cross += f * self.covariance;
         self.covariance += drift.walk::<K>(dt_s);
+    }
+
+    /// Updates it by a fix.
+    pub fn fix(&mut self, position_m: [f64; 2], [ee, en, nn]: [f64; 3]) {
+        let Some(inverse) = (self.position + Matrix2::new(ee, en, en, nn)).try_inverse() else { return };
+        let off = Vector2::from(position_m) - self.mean_m;
+        let (gain, coupled) = (self.position * inverse, self.cross.transpose() * inverse);
+        self.mean_m += gain * off;
+        self.linear += coupled * off;
+        let position = self.position - gain * self.position;
+        self.covariance -= coupled * self.cross;
+        self.cross -= gain * self.cross;
+        self.position = (position + position.transpose()) * 0.5;
     }
 
     /// Mean and covariance [ee, en, nn] of the position, m and m².
@@ -73,8 +90,8 @@ impl<const K: usize> SearchRegion<K> {
         (self.mean_m.into(), [self.position[(0, 0)], self.position[(0, 1)], self.position[(1, 1)]])
     }
 
-    /// Scatters particles evenly over the region's ellipse of twice the standard deviation (for a fix, its disc) where the
-    /// chart is, the linear states to what each position makes of them. Returns the linear covariance about those means.
+    /// Scatters particles evenly over the region's ellipse of twice the standard deviation (for a fix, its disc), the linear
+    /// states to what each position makes of them. Returns the linear covariance about those means.
     pub fn scatter(
         &self,
         cloud: &mut Cloud<K>,
@@ -84,18 +101,27 @@ impl<const K: usize> SearchRegion<K> {
         let (mean, covariance) = self.position();
         cloud.scatter_disc(mean, covariance, &stream());
         let grid = chart.grid();
-        let span = [(grid.cols - 1) as f64 * grid.cell_m, (grid.rows - 1) as f64 * grid.cell_m];
-        let (low, high) = ([grid.east0_m, grid.north0_m], [grid.east0_m + span[0], grid.north0_m + span[1]]);
-        let on = |e: f64, n: f64| e >= low[0] && n >= low[1] && e <= high[0] && n <= high[1];
-        // A region that holds the whole chart says nothing but "on the chart".
+        let low = [grid.east0_m, grid.north0_m];
+        let span = [grid.cols - 1, grid.rows - 1].map(|cells| cells as f64 * grid.cell_m);
+        let off = |e: f64, n: f64| {
+            !(0.0..=span[0]).contains(&(e - low[0])) || !(0.0..=span[1]).contains(&(n - low[1]))
+        };
+        // Twice the sigma reaches over the chart on all sides: it says nothing but "on the chart".
         let whole = [0, 1].iter().all(|&a| {
             let reach = 2.0 * self.position[(a, a)].sqrt();
-            mean[a] - reach <= low[a] && mean[a] + reach >= high[a]
+            mean[a] - reach <= low[a] && mean[a] + reach >= low[a] + span[a]
         });
         let [l11, l21, l22] = cholesky_2x2(covariance);
+        let redraws = if !self.on_chart {
+            0
+        } else if whole {
+            1
+        } else {
+            REDRAWS
+        };
         let (mut u, mut v) = (vec![0.0; cloud.len()], vec![0.0; cloud.len()]);
-        for _ in 0..REDRAWS {
-            if !whole && cloud.east.iter().zip(&cloud.north).all(|(e, n)| on(*e, *n)) {
+        for _ in 0..redraws {
+            if !whole && !cloud.east.iter().zip(&cloud.north).any(|(e, n)| off(*e, *n)) {
                 break;
             }
             let stream = stream();
@@ -104,15 +130,12 @@ impl<const K: usize> SearchRegion<K> {
             for ((e, n), (u, v)) in cloud.east.iter_mut().zip(&mut cloud.north).zip(u.iter().zip(&v)) {
                 if whole {
                     (*e, *n) = (low[0] + u * span[0], low[1] + v * span[1]);
-                } else if !on(*e, *n) {
+                } else if off(*e, *n) {
                     let radius = 2.0 * u.sqrt();
                     let (sin, cos) = (std::f64::consts::TAU * v).sin_cos();
                     *e = mean[0] + l11 * radius * cos;
                     *n = mean[1] + l21 * radius * cos + l22 * radius * sin;
                 }
-            }
-            if whole {
-                break;
             }
         }
         self.condition(cloud)

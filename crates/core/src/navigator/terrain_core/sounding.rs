@@ -1,7 +1,6 @@
 //! One sounding: lookup, datum offset, tempered weights.
 
-use super::search_region::SearchRegion;
-use super::{TerrainCore, largest_sigma};
+use super::TerrainCore;
 use crate::chart::{Chart, SigmaMap};
 use crate::cloud::Cloud;
 use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
@@ -17,7 +16,7 @@ const MOST_SHARED: f64 = 1e6;
 const LEAST_SIGMA_M: f64 = 1e-3;
 
 /// A sounding that would leave too few particles is weighed again with twice the sigma, at most so many times.
-const SOFTENINGS: usize = 6;
+pub(super) const SOFTENINGS: usize = 6;
 
 #[derive(Default)]
 pub(super) struct SoundingScratch {
@@ -29,14 +28,24 @@ pub(super) struct SoundingScratch {
     innovation: Vec<f64>,
     innovation_variance: Vec<f64>,
     around: Vec<f64>,
-    map_m2: f64,
+}
+
+/// What the chart is under the particles and around them, in the mean over them.
+pub(super) struct Around {
+    /// Variance of the chart's error, m².
+    pub map_m2: f64,
+    /// Variance of the depth within the neighbourhoods, m².
+    pub varies_m2: f64,
 }
 
 impl<const K: usize> TerrainCore<K> {
     /// A sounding up to its weights; with the health statistic where it was used. Watching and resampling are left to the
     /// caller.
     pub fn weigh_sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> (Outcome, Option<f64>) {
-        let core = &mut self.state.core;
+        if self.options.start_anywhere && !self.state.core.started() {
+            self.start_anywhere();
+        }
+        let core = &self.state.core;
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
             return (Outcome::Noted, None);
         };
@@ -53,10 +62,7 @@ impl<const K: usize> TerrainCore<K> {
             dof: self.options.student_dof,
         };
 
-        if self.state.acquisition.is_none() && largest_sigma(core.cloud.position_moments().1) > 2.0 * self.options.acquisition_sigma_m {
-            let region = SearchRegion::of_cloud(&core.cloud, &core.covariance);
-            self.acquire(region);
-        }
+        self.acquire_if_wide();
         if self.acquiring() {
             self.state.sounded_at_m = Some(travelled_m);
             return (self.acquire_sounding(model, apart_m.unwrap_or(f64::INFINITY), water_depth_m), None);
@@ -99,20 +105,15 @@ impl SoundingScratch {
         cloud.offset_variance.copy_from_slice(&self.variance);
     }
 
-    /// Mean variance of the chart's error, m².
-    pub(super) fn noise_of_map(&self) -> f64 {
-        self.map_m2
-    }
-
     /// Depths under the particles, the chart's error widened by how much the depth varies within `kernel_m` (its variance
-    /// on each axis) of them. Returns the mean of that variation, m².
+    /// on each axis) of them.
     pub(super) fn look_up_around<const K: usize>(
         &mut self,
         chart: &Chart,
         cloud: &Cloud<K>,
         kernel_m: f64,
         fixed_m: Option<f64>,
-    ) -> f64 {
+    ) -> Around {
         let (east, north) = (&cloud.east, &cloud.north);
         let n = east.len();
         self.resize(n);
@@ -136,8 +137,8 @@ impl SoundingScratch {
         self.depth.copy_from_slice(&self.around[..n]);
         self.sigma_map(fixed_m, chart, east, north);
         let weights = cloud.weights();
-        self.map_m2 = self.sigma_map.iter().zip(weights).map(|(s, w)| w * s * s).sum();
-        let mut mean = 0.0;
+        let map_m2 = self.sigma_map.iter().zip(weights).map(|(s, w)| w * s * s).sum();
+        let mut varies_m2 = 0.0;
         for i in 0..n {
             let (mut squares, mut known) = (0.0, 0.0);
             for k in 1..5 {
@@ -148,10 +149,10 @@ impl SoundingScratch {
                 }
             }
             let rho = if known > 0.0 { 2.0 * squares / known } else { 0.0 };
-            mean += weights[i] * rho;
+            varies_m2 += weights[i] * rho;
             self.sigma_map[i] = (self.sigma_map[i].powi(2) + rho).sqrt();
         }
-        mean
+        Around { map_m2, varies_m2 }
     }
 
     /// Log-likelihood of one sounding for each particle (NaN without a depth) and the offsets that would follow.
