@@ -320,6 +320,23 @@ def scenarios() -> str:
     return "\n".join(["| scenario | what it is |", "|---|---|", *rows])
 
 
+def metrics_of_a_run() -> str:
+    """Metrics of each run, navigator and vehicle."""
+    from uwcoop.evaluation.metrics import METRICS
+
+    where = {True: "`runs.csv`, `summary.json`", False: "`runs.csv`"}
+    rows = [f"| `{k}` | {m.unit} | {m.text} | {where[m.in_summary]} |" for k, m in METRICS.items()]
+    return "\n".join(["| metric | unit | meaning | in |", "|---|---|---|---|", *rows])
+
+
+def metrics_of_a_study() -> str:
+    """What a study makes of them."""
+    from uwcoop.evaluation.metrics import METRICS
+
+    rows = [f"| `{p.key}` | `{k}` | {p.text} |" for k, m in METRICS.items() for p in m.pooled]
+    return "\n".join(["| figure | metric | over runs and vehicles |", "|---|---|---|", *rows])
+
+
 def topics() -> str:
     """Topics of a log on disk, as the module that writes them states them."""
     from uwcoop.missionlog import mcap
@@ -381,6 +398,8 @@ TABLES: dict[str, Callable[[], str]] = {
     "modems": modems,
     "navigators": navigators,
     "scenarios": scenarios,
+    "metrics of a run": metrics_of_a_run,
+    "metrics of a study": metrics_of_a_study,
     "topics": topics,
     "messages": messages,
     "events": events,

@@ -28,6 +28,19 @@ def reference() -> Path:
 
 
 @pytest.fixture(scope="session")
+def hooks() -> Any:
+    """The module that makes the documentation's tables."""
+    spec = importlib.util.spec_from_file_location(
+        "docs_hooks", Path(__file__).parents[1] / "docs" / "hooks.py"
+    )
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="session")
 def golden_cases(reference: Path) -> Callable[[str], Callable[[str], Case]]:
     """A folder of golden cases as a reader of its files by name."""
 

@@ -25,6 +25,7 @@ from uwcoop.missionlog import (
     columns,
     event_columns,
 )
+from uwcoop.scenario import MissionSetup
 
 FRAMES = 3
 
@@ -64,7 +65,9 @@ def sample_log(seconds: int = 40, vehicles: int = 3, seed: int = 1, chart: Chart
         payloads=[rng.bytes(int(rng.integers(0, 20))) for _ in order],
         chart=sample_chart() if chart is None else chart,
         origin=Origin(1.2203, 103.8507, "EPSG:32648"),
-        scenario={"name": "sample", "sensors": {"altimeter": {"sigma_m": 0.1}}, "list": [1, 2.5, None]},
+        setup=MissionSetup.parse(
+            {"name": "sample", "sensors": {"altimeter": {"sigma_m": 0.1}}, "list": [1, 2.5, None]}
+        ),
         truth=_truth(rng, seconds, names),
     )
 

@@ -8,9 +8,10 @@ A page is a story: its blocks run in order in one temporary folder. ```` ```toml
 
 from __future__ import annotations
 
-import importlib.util
+import pkgutil
 import re
 import shlex
+import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -145,6 +146,29 @@ def _run_commands(block: Block, where: str) -> None:
             assert error[0] in said.stderr, f"{where}: $ {line} says {said.stderr!r}"
 
 
+def test_what_a_page_shows_is_typed(tmp_path: Path) -> None:
+    """All `python` blocks in one run of `mypy --strict`: a page is a module, a block with a title a file of its own."""
+    sources: dict[str, str] = {}
+    for page in PAGES:
+        stem = str(page.relative_to(ROOT).with_suffix("")).replace("/", "_")
+        for block in blocks(page):
+            if block.language != "python":
+                continue
+            module = f"{stem}_{Path(block.title).stem}" if block.title else stem
+            text = sources.get(module, "")
+            # At the line that it has on the page, so that a message leads there.
+            sources[module] = text + "\n" * (block.line - text.count("\n")) + block.text
+    assert len(sources) > 10
+    for module, text in sources.items():
+        (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
+    files = [str(tmp_path / f"{module}.py") for module in sources]
+    checked = subprocess.run(
+        [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), "--strict", *files],
+        cwd=ROOT, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert checked.returncode == 0, checked.stdout + checked.stderr
+
+
 def test_there_is_something_to_run() -> None:
     languages = [block.language for page in PAGES for block in blocks(page)]
     assert {language: languages.count(language) >= 5 for language in ("python", "toml", "console")} == {
@@ -155,16 +179,6 @@ def test_there_is_something_to_run() -> None:
 
 
 # ------------------------------------------------------------------------------------------------- generated tables
-
-
-@pytest.fixture(scope="module")
-def hooks() -> Any:
-    spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs/hooks.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_every_table_that_is_asked_for_is_made_and_the_other_way_round(hooks: Any) -> None:
@@ -217,6 +231,13 @@ def test_public_names_are_in_the_reference() -> None:
     reference = (ROOT / "docs/reference.md").read_text(encoding="utf-8")
     for name in set(uwcoop.__all__) - {"kernels", "navigators"}:
         assert f"::: uwcoop.{name}" in reference, name
+
+
+def test_the_reference_names_what_there_is() -> None:
+    paths = re.findall(r"^::: (\S+)", (ROOT / "docs/reference.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert len(paths) > 20
+    for path in paths:
+        assert pkgutil.resolve_name(path) is not None, path
 
 
 def test_links_between_pages_lead_somewhere() -> None:

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from uwcoop import kernels, navigators
+    from uwcoop._native import Authenticator, Event
     from uwcoop.charts import Chart, load_chart
     from uwcoop.experiment.run import run
     from uwcoop.experiment.study import study
+    from uwcoop.frames import LocalFrame, Origin
     from uwcoop.missionlog import MissionLog
     from uwcoop.missionlog.mcap import load_log
     from uwcoop.world.simulate import simulate
@@ -20,8 +22,12 @@ if TYPE_CHECKING:
 __version__: str
 
 __all__ = [
+    "Authenticator",
     "Chart",
+    "Event",
+    "LocalFrame",
     "MissionLog",
+    "Origin",
     "kernels",
     "load_chart",
     "load_log",
@@ -32,8 +38,12 @@ __all__ = [
 ]
 
 _HOME = {
+    "Authenticator": "uwcoop._native",
     "Chart": "uwcoop.charts",
+    "Event": "uwcoop._native",
+    "LocalFrame": "uwcoop.frames",
     "MissionLog": "uwcoop.missionlog",
+    "Origin": "uwcoop.frames",
     "load_chart": "uwcoop.charts",
     "load_log": "uwcoop.missionlog.mcap",
     "run": "uwcoop.experiment.run",

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 
 __all__ = [
     "Authenticator",
+    "CentralEstimator",
     "Chart",
     "Estimate",
     "Event",
     "Mission",
     "Navigator",
     "Replay",
-    "CentralEstimator",
     "belief_exchange",
     "bilinear_depth",
     "bilinear_gradient",

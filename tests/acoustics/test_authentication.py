@@ -15,14 +15,14 @@ from typer.testing import CliRunner
 
 import uwcoop
 from uwcoop import _native
-from uwcoop.acoustics.authentication import authenticator_of, tag_bytes_of
+from uwcoop.acoustics.authentication import authenticator_of
 from uwcoop.charts.native import native_chart
 from uwcoop.cli import app
 from uwcoop.errors import NavigatorError, ScenarioError
 from uwcoop.experiment.run import native_mission, replay_for, sample_times_ns
 from uwcoop.missionlog.mcap import load_log, write_log
 from uwcoop.navigators import NAVIGATORS, Context, Custom, build, options_of
-from uwcoop.scenario import load, parse
+from uwcoop.scenario import MissionSetup, load, parse
 from uwcoop.world.simulate import simulate
 
 KEY = "00112233445566778899aabbccddeeff"
@@ -123,10 +123,10 @@ def test_forged_altered_and_replayed_packets_are_counted_and_change_nothing() ->
     authenticator = authenticator_of(log)
     assert authenticator is not None
     context = Context(0, 3, 1500.0, 0, None)
-    mine = build("mpf", context, options_of("mpf", log.scenario), None).authenticated(0, 3, authenticator)
+    mine = build("mpf", context, options_of("mpf", log.setup), None).authenticated(0, 3, authenticator)
     start = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 25.0, "cov_en_m2": 0.0, "cov_nn_m2": 25.0}
     mine.handle(_native.Event(0, 0, "fix", **start))
-    other = build("mpf", replace(context, vehicle=1), options_of("mpf", log.scenario), None)
+    other = build("mpf", replace(context, vehicle=1), options_of("mpf", log.setup), None)
     other = other.authenticated(1, 3, authenticator)
     other.handle(_native.Event(0, 1, "fix", **start))
     packet = other.transmit(3_000_000_000, 64)
@@ -155,8 +155,9 @@ def test_no_output_shows_the_key(tmp_path: Path) -> None:
     result = uwcoop.run("flat-bay", ["mpf"], seed=1, overrides=[*SHORT, f"{TAGS}=8", setting], clouds=False)
     log = result.log
     assert log.team_key == bytes.fromhex(KEY)
-    assert log.scenario["acoustics"]["authentication"]["key_hex"] == "**********"
-    assert parse(log.scenario).acoustics.authentication.key is None
+    assert log.setup.tables()["acoustics"]["authentication"]["key_hex"] == "**********"
+    assert log.setup.authentication.key is None
+    assert parse(log.setup.tables()).acoustics.authentication.key is None
     said = [
         repr(log),
         repr(load("flat-bay", [setting])),
@@ -231,15 +232,14 @@ def test_a_log_of_real_packets_needs_its_key() -> None:
     real = replace(log, payloads=[b"x"])
     with pytest.raises(ScenarioError, match="its key is not given"):
         authenticator_of(real)
-    assert tag_bytes_of(log.scenario) == 8
-    assert tag_bytes_of({}) == 0
-    assert authenticator_of(replace(log, scenario={})) is None
+    assert log.setup.authentication.tag_bytes == 8
+    assert authenticator_of(replace(log, setup=MissionSetup())) is None
 
 
-def talking(vehicle: int, name: str, tables: dict[str, Any], tag: _native.Authenticator) -> _native.Navigator:
+def talking(vehicle: int, name: str, setup: MissionSetup, tag: _native.Authenticator) -> _native.Navigator:
     """A native navigator of a team of two after ten ordinary seconds, its packets tagged."""
     context = Context(vehicle, 2, 1500.0, 0, None, (True, False) if name.startswith("deif") else (True, True))
-    it = build(name, context, options_of(name, tables), None)
+    it = build(name, context, options_of(name, setup), None)
     it.handle(_native.Event(0, vehicle, "fix", **START))
     for second in range(10):
         at = second * 1_000_000_000
@@ -260,9 +260,9 @@ NATIVE = [name for name, spec in NAVIGATORS.items() if not spec.central]
 
 @pytest.mark.parametrize("name", NATIVE)
 def test_forged_packets_change_nothing_in_any_navigator(name: str) -> None:
-    tables = load("flat-bay", ["navigator.all.particles=20", f"{TAGS}=8"]).resolved()
+    setup = MissionSetup.of(load("flat-bay", ["navigator.all.particles=20", f"{TAGS}=8"]))
     tag = _native.Authenticator(bytes(range(32)), 8, 5)
-    mine, other = talking(0, name, tables, tag), talking(1, name, tables, tag)
+    mine, other = talking(0, name, setup, tag), talking(1, name, setup, tag)
     packets = {t: other.transmit(t, 2**31 - 1) for t in (10_000_000_000, 20_000_000_000)}
     known = {t: packet for t, packet in packets.items() if packet is not None}
     before = mine.snapshot()
@@ -287,7 +287,7 @@ def test_forged_packets_change_nothing_in_any_navigator(name: str) -> None:
         assert mine.handle(event) == "rejected"
     after = mine.estimate(10_000_000_000)
     assert after.rejected == rejected + tries
-    fresh = talking(0, name, tables, tag)
+    fresh = talking(0, name, setup, tag)
     np.testing.assert_array_equal(after.mean_m, fresh.estimate(10_000_000_000).mean_m)
     np.testing.assert_array_equal(after.covariance_m2, fresh.estimate(10_000_000_000).covariance_m2)
     # Restored from before the assault it takes authentic packets as if nothing had been.

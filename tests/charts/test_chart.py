@@ -187,3 +187,53 @@ def test_what_cannot_be_a_chart_is_refused(changes: dict[str, Any], message: str
     with pytest.raises(ChartError, match=message) as caught:
         a_chart(**changes)
     assert "\n" not in str(caught.value)
+
+
+# ---------------------------------------------------------------------------------------------- precision
+
+
+@given(
+    arrays(np.float64, (3, 4), elements=st.floats(-12_000, 12_000) | st.just(np.nan)).filter(
+        lambda grid: bool(np.isfinite(grid).any())
+    )
+)
+def test_depths_of_any_precision_are_kept_to_rounding(grid: Any) -> None:
+    kept = Chart(grid, 0.0, 0.0, 5.0).depth_m
+    assert kept.dtype == np.float32
+    np.testing.assert_array_equal(np.isnan(kept), np.isnan(grid))
+    known = np.isfinite(grid)
+    # Half a unit in the last place of float32; the least normal number bounds what is tiny.
+    assert np.all(np.abs(kept[known] - grid[known]) <= 2.0**-24 * np.abs(grid[known]) + 2.0**-149)
+    assert Chart(kept, 0.0, 0.0, 5.0) == Chart(grid, 0.0, 0.0, 5.0)
+    assert Chart(grid.tolist(), 0.0, 0.0, 5.0) == Chart(grid, 0.0, 0.0, 5.0)
+
+
+def test_the_documented_rounding_is_what_happens() -> None:
+    for depth_m, bound_m in ((100.0, 4e-6), (11_000.0, 5e-4)):
+        near = depth_m + np.linspace(0, 0.01, 1001)
+        kept = Chart(near.reshape(1, -1).repeat(2, axis=0), 0.0, 0.0, 5.0).depth_m[0]
+        assert np.abs(kept - near).max() <= bound_m
+
+
+@pytest.mark.parametrize(
+    ("depths", "line"),
+    [
+        ([[1.0, 2.0], [3.0, 1e39]], "chart depth holds 1e[+]39 m: float32 holds up to 3.403e[+]38 m"),
+        ([["1", "2"], ["3", "4"]], "chart depth is of type <U1: it must be real numbers, metres"),
+        (np.ones((2, 2), complex), "chart depth is of type complex128"),
+        (np.ones((2, 2), bool), "chart depth is of type bool"),
+        ([[1.0, 2.0], [3.0, np.inf]], "chart depth holds infinite values"),
+    ],
+)
+def test_what_rounding_does_not_explain_is_refused(depths: Any, line: str) -> None:
+    with pytest.raises(ChartError, match=line):
+        Chart(depths, 0.0, 0.0, 5.0)
+
+
+def test_sigmas_for_each_node_are_held_to_the_same() -> None:
+    sigma = np.full((2, 2), 0.1)
+    kept = Chart(np.ones((2, 2)), 0.0, 0.0, 5.0, sigma_map_m=sigma).sigma_map_m
+    assert isinstance(kept, np.ndarray)
+    assert kept.dtype == np.float32
+    with pytest.raises(ChartError, match=r"chart sigma_map_m holds 1e[+]40 m"):
+        Chart(np.ones((2, 2)), 0.0, 0.0, 5.0, sigma_map_m=sigma * 1e41)

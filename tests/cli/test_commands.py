@@ -230,7 +230,7 @@ def test_a_chart_file_takes_the_place_of_the_scenarios() -> None:
     log = load_log("own.mcap")
     assert log.chart is not None
     assert log.chart.cell_m == 5
-    assert log.scenario["chart"]["source"] == str(bay.resolve())
+    assert log.setup.tables()["chart"]["source"] == str(bay.resolve())
     succeeds("run", "own.mcap", *local, "-n", "mpf", "-o", "same")
     assert "unknown key 'crss'" in refusal("run", "own.mcap", "--chart", bay, "--set", "chart.crss=local")
     write_log(replace(log, chart=None), "bare.mcap")

@@ -111,7 +111,7 @@ def test_the_core_agrees_with_the_information_form(
     told += [f"navigator.team.offset_difference_m={offset_difference_m}"] if offset_difference_m else []
     alone = [] if offset_difference_m else ["navigator.team={}"]
     log = simulate(load("st-john-drift", ["duration_s=60", *alone, *told]), 3)
-    options = options_of("mpf", log.scenario).native(0.0)
+    options = options_of("mpf", log.setup).native(0.0)
     current = 1 - difference**2 / 2 if difference < 1 else 0.0
     offset = 1 - offset_difference_m**2 / 2 if offset_difference_m else 0.0
     want = in_information_form(log, options, 60, current, offset)

@@ -11,10 +11,11 @@ from rich.console import Console
 import uwcoop
 from uwcoop import acoustics
 from uwcoop.errors import ScheduleError
-from uwcoop.experiment.packet_budget import Budget, budget, packet_bytes, packet_fields
+from uwcoop.experiment.packet_budget import Budget, budget
+from uwcoop.experiment.packet_contents import packet_bytes, packet_fields
 from uwcoop.navigators import NAVIGATORS
 from uwcoop.report.budget_tables import budget_report
-from uwcoop.scenario import load
+from uwcoop.scenario import MissionSetup, load
 from uwcoop.world.simulate import simulate
 
 TAGS = "acoustics.authentication.tag_bytes"
@@ -36,8 +37,9 @@ def test_the_fields_of_every_packet_add_up(name: str, tag_bytes: int) -> None:
     tables = load("flat-bay", ["acoustics.modem=unlimited", f"{TAGS}={tag_bytes}"]).resolved()
     if name.startswith("deif"):  # a one-way method: one vehicle alone uses ranges
         tables["vehicles"] = [{"fuses_ranges": k == 1} for k in range(3)]
-    size = packet_bytes(name, tables, 3, acoustics.NO_LIMIT_BYTES)
-    fields = packet_fields(name, tables, 3, acoustics.NO_LIMIT_BYTES)
+    setup = MissionSetup.parse(tables)
+    size = packet_bytes(name, setup, 3, acoustics.NO_LIMIT_BYTES)
+    fields = packet_fields(name, setup, 3, acoustics.NO_LIMIT_BYTES)
     if size is None:
         assert fields == ()
         return
@@ -132,8 +134,8 @@ def test_exchange_packets_show_their_fields_and_the_signals_that_a_tag_adds(
 def test_every_size_of_exchange_packet_adds_up_and_one_mode_takes_the_shortest_that_holds_it(
     size: int, sent: int
 ) -> None:
-    tables = load("seafloor-survey", [f"navigator.landmark.packet_bytes={size}"]).resolved()
-    fields = packet_fields("landmark", tables, 2, acoustics.NO_LIMIT_BYTES)
+    setup = MissionSetup.of(load("seafloor-survey", [f"navigator.landmark.packet_bytes={size}"]))
+    fields = packet_fields("landmark", setup, 2, acoustics.NO_LIMIT_BYTES)
     assert sum(field.total_bits for field in fields) == 8 * sent
 
 

@@ -13,7 +13,7 @@ import uwcoop
 from uwcoop import _native, scenario
 from uwcoop.charts.native import native_chart
 from uwcoop.errors import LogError, NavigatorError
-from uwcoop.experiment.packet_budget import default_navigators
+from uwcoop.experiment.navigator_choice import default_navigators
 from uwcoop.experiment.run import native_mission, replay_for, sample_times_ns
 from uwcoop.missionlog import MissionLog
 from uwcoop.missionlog.mcap import write_log
@@ -59,7 +59,7 @@ def test_resuming_from_a_snapshot_equals_the_uninterrupted_mission(log: MissionL
     def fresh(name: str) -> _native.Replay:
         return replay_for(log, mission, name, chart, 7, samples, 10)
 
-    for name in default_navigators(log.scenario, len(log.vehicles)):
+    for name in default_navigators(log.setup, len(log.vehicles)):
         whole = fresh(name)
         whole.run()
         expected = whole.tracks()
@@ -78,7 +78,7 @@ def test_a_live_vehicle_gets_what_the_replay_gets(log: MissionLog) -> None:
     """Events handed over one at a time from Python, without ranges: the recorded estimates to the bit."""
     context = Context(0, 3, log.link.sound_speed_mps, log.seed, log.chart)
     assert log.chart is not None
-    options = options_of("mpf-terrain-only", log.scenario)
+    options = options_of("mpf-terrain-only", log.setup)
     navigator = build("mpf-terrain-only", context, options, native_chart(log.chart))
     events = []
     for kind, table in log.events.items():

@@ -53,7 +53,7 @@ def test_one_row_for_each_variant_run_navigator_and_vehicle(done: tuple[StudyRes
     ]
     with (folder / "runs.csv").open(encoding="utf-8", newline="") as file:
         header, *lines = csv.reader(file)
-    assert header == [LOSS, *metrics.ROW_COLUMNS]
+    assert header == [LOSS, *metrics.row_columns()]
     assert len(lines) == len(result.rows)
     at = header.index("rmse_m")
     assert [float(line[at]) for line in lines] == [row["rmse_m"] for row in result.rows]

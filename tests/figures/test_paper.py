@@ -18,8 +18,7 @@ pytest.importorskip("matplotlib", reason="matplotlib is not installed")
 from matplotlib.image import imread
 
 from uwcoop.errors import MissingDependencyError, TracksError
-from uwcoop.evaluation import error_series as traces
-from uwcoop.evaluation import metrics
+from uwcoop.evaluation import error_series, metrics
 from uwcoop.evaluation.nees import CHI2_95_2D
 from uwcoop.figures.averages import averages, errors_over_time_figure, quantiles
 from uwcoop.figures.boxes import box_statistics, boxes_figure
@@ -128,8 +127,8 @@ def missions() -> list[Mission]:
 
 @pytest.fixture(scope="module")
 def gathered(missions: list[Mission]) -> xr.Dataset:
-    found = traces.gather(
-        {("", k): traces.error_series_of(m.tracks) for k, m in enumerate(missions)}, [""], [0, 1, 2]
+    found = error_series.gather(
+        {("", k): error_series.error_series_of(m.tracks) for k, m in enumerate(missions)}, [""], [0, 1, 2]
     )
     assert found is not None
     return found
@@ -137,7 +136,7 @@ def gathered(missions: list[Mission]) -> xr.Dataset:
 
 def test_a_trace_holds_each_seconds_error_and_arrivals(missions: list[Mission]) -> None:
     tracks = missions[0].tracks
-    trace = traces.error_series_of(tracks)
+    trace = error_series.error_series_of(tracks)
     assert list(trace["time"].values) == list(range(121))
     error = metrics.errors(tracks).sel(time=trace["time"].values)
     np.testing.assert_allclose(trace["error_m"], error, rtol=1e-6)
@@ -190,14 +189,14 @@ def test_strips_show_the_share_of_packets_that_was_used(gathered: xr.Dataset) ->
 
 
 def test_missing_runs_are_counted_and_teams_may_differ(missions: list[Mission], tmp_path: Path) -> None:
-    smaller = traces.error_series_of(
+    smaller = error_series.error_series_of(
         mission(duration_s=60, vehicles=2, navigators=("dead-reckoning", "dmpf")).tracks
     )
-    kept = {("a = 1", 4): traces.error_series_of(missions[0].tracks), ("a = 2", 5): smaller}
-    traces.write_error_series(kept, tmp_path)
-    again = traces.read_error_series(tmp_path)
+    kept = {("a = 1", 4): error_series.error_series_of(missions[0].tracks), ("a = 2", 5): smaller}
+    error_series.write_error_series(kept, tmp_path)
+    again = error_series.read_error_series(tmp_path)
     assert again.keys() == kept.keys()
-    both = traces.gather(again, ["a = 1", "a = 2", "a = 3"], [4, 5])
+    both = error_series.gather(again, ["a = 1", "a = 2", "a = 3"], [4, 5])
     assert both is not None
     assert both["stored"].values.tolist() == [[True, False], [False, True], [False, False]]
     np.testing.assert_array_equal(both["error_m"][0, 0], kept["a = 1", 4]["error_m"])
@@ -207,11 +206,11 @@ def test_missing_runs_are_counted_and_teams_may_differ(missions: list[Mission], 
     figure = errors_over_time_figure(both, title="bay")
     titles = [axes.get_title() for axes in figure.axes if axes.get_title()]
     assert titles == ["a = 1 (1 of 2 runs)", "a = 2 (1 of 2 runs)", "a = 3 (0 of 2 runs)"]
-    assert traces.gather(again, ["a = 7"], [4]) is None
-    assert traces.read_error_series(tmp_path / "nowhere") == {}
-    (tmp_path / traces.FILE).write_text("not NetCDF")
+    assert error_series.gather(again, ["a = 7"], [4]) is None
+    assert error_series.read_error_series(tmp_path / "nowhere") == {}
+    (tmp_path / error_series.FILE).write_text("not NetCDF")
     with pytest.raises(TracksError, match="does not hold a study's errors"):
-        traces.read_error_series(tmp_path)
+        error_series.read_error_series(tmp_path)
 
 
 def test_a_failed_estimate_makes_the_mean_infinite() -> None:
@@ -268,8 +267,8 @@ def test_without_information_the_figure_says_what_to_set(
     for tracks in (missions[0].tracks, gathered):
         with pytest.raises(TracksError, match=r"diagnostics\.entropy = at_reception"):
             information_figure(tracks, title="bay")
-    trace = traces.error_series_of(with_information(missions[0].tracks))
-    many = traces.gather({("", 0): trace, ("", 1): trace}, [""], [0, 1])
+    trace = error_series.error_series_of(with_information(missions[0].tracks))
+    many = error_series.gather({("", 0): trace, ("", 1): trace}, [""], [0, 1])
     assert many is not None
     assert len(gains_of(many)[1].error_m) == 2 * len(gains_of(trace)[1].error_m)
 
@@ -418,7 +417,7 @@ def test_a_study_draws_what_its_data_allow(gathered: xr.Dataset) -> None:
     assert not isinstance(alone["boxes.png"], str)
     assert alone["errors_over_time.png"] == alone["information.png"] == NO_TRACES
     many = xr.concat([gathered.isel(variant=0)] * 5, "variant").assign_coords(variant=list("abcde"))
-    drawn = dict(study_figures(table, traces=many, title="bay", settle_s=50))
+    drawn = dict(study_figures(table, error_series=many, title="bay", settle_s=50))
     assert list(drawn) == [
         "boxes.png",
         "bytes.png",

@@ -12,10 +12,12 @@ import pytest
 from uwcoop.errors import LogError, UwcoopError
 from uwcoop.experiment.mission import open_mission
 from uwcoop.frames import wrap_angle
-from uwcoop.importers.datasets.mrclam import is_mrclam, read_mrclam
+from uwcoop.importers.datasets.mrclam import read_mrclam
+from uwcoop.importers.datasets.mrclam_files import is_mrclam
 from uwcoop.missionlog.mcap import load_log, write_log
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.validate import validate
+from uwcoop.scenario.setup import PositioningSigmas
 
 EPOCH_S = 1248444000.0
 HEAD = "# UTIAS Multi-Robot Cooperative Localization and Mapping Dataset\n# columns\n"
@@ -140,8 +142,10 @@ def test_priors_are_drawn_from_what_they_state(tmp_path: Path) -> None:
 def test_it_can_be_opened_as_any_mission_and_written_as_any_log(tmp_path: Path) -> None:
     folder = made(tmp_path / "set")
     log = open_mission(str(folder), 2, None, ["mrclam.dropout_share=0.0", "navigator.landmark.seed_unused=1"])
-    assert log.scenario["mrclam"]["dropout_share"] == 0
-    assert log.scenario["navigator"]["landmark"] == {"seed_unused": 1}
+    assert log.setup.tables()["mrclam"]["dropout_share"] == 0
+    assert log.setup.navigator.own["landmark"] == {"seed_unused": 1}
+    assert log.setup.positioning == PositioningSigmas(0.2, 2.0, 2.0)
+    assert log.setup.metrics.settle_s == 10
     write_log(log, tmp_path / "set.mcap")
     assert log.difference(load_log(tmp_path / "set.mcap")) is None
     with pytest.raises(UwcoopError, match="is a folder but no MRCLAM data set"):

@@ -120,11 +120,6 @@ def test_a_failed_write_leaves_nothing_behind(
         write_log(log, tmp_path / "absent" / "log.mcap")
     with pytest.raises(LogError, match="cannot be written: Is a directory"):
         write_log(log, tmp_path)
-    log = sample_log(seconds=5)
-    log.scenario = {"path": Path("x")}
-    with pytest.raises(LogError, match="cannot be written as JSON"):
-        write_log(log, target)
-    assert target.read_bytes() == b"what was there"
 
 
 def test_another_missions_chart_is_refused(log: MissionLog, content: bytes, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from uwcoop.errors import NavigatorError
 from uwcoop.navigators import NAVIGATORS, Context, build, options_of
+from uwcoop.scenario import MissionSetup
 
 Runs = Callable[..., dict[str, list[dict[str, Any]]]]
 
@@ -154,7 +155,7 @@ def test_the_bars_of_a_team(runs: Runs) -> None:
 )
 def test_an_option_outside_its_bound_is_refused_in_one_line(option: str, value: Any) -> None:
     with pytest.raises(NavigatorError, match=option) as refused:
-        options_of("landmark-paper", {"navigator": {"landmark-paper": {option: value}}})
+        options_of("landmark-paper", MissionSetup.parse({"navigator": {"landmark-paper": {option: value}}}))
     assert "\n" not in str(refused.value)
 
 

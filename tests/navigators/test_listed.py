@@ -8,8 +8,10 @@ import pytest
 import uwcoop
 from uwcoop import scenario
 from uwcoop.errors import NavigatorError, ScenarioError
-from uwcoop.experiment.packet_budget import budget, default_navigators, ranging_of
+from uwcoop.experiment.navigator_choice import default_navigators
+from uwcoop.experiment.packet_budget import budget
 from uwcoop.navigators import NAVIGATORS
+from uwcoop.scenario import MissionSetup
 from uwcoop.world.simulate import simulate
 
 BARE = {
@@ -29,7 +31,7 @@ BARE = {
 
 
 def test_a_scenario_without_a_list_takes_all_that_are_for_any() -> None:
-    found = default_navigators(scenario.load("st-john").resolved(), 3)
+    found = default_navigators(MissionSetup.of(scenario.load("st-john")), 3)
     assert found == [
         name for name, spec in NAVIGATORS.items() if not (spec.listed_only or spec.needs_bandwidth)
     ]
@@ -69,7 +71,7 @@ def test_a_mission_needs_no_chart() -> None:
     assert "water_depth" not in log.events
     tracks = uwcoop.run(log).tracks
     assert np.isfinite(tracks.position_m).all()
-    assert scenario.parse(log.scenario) == scenario.parse(BARE)
+    assert scenario.parse(log.setup.tables()) == scenario.parse(BARE)
 
 
 def test_a_random_path_and_a_recorded_one_need_a_chart() -> None:
@@ -79,9 +81,14 @@ def test_a_random_path_and_a_recorded_one_need_a_chart() -> None:
 
 
 def test_the_team_agrees_who_uses_ranges() -> None:
-    assert ranging_of(scenario.parse(BARE).resolved()) == (False, True)
-    assert ranging_of(scenario.load("st-john").resolved()) == ()
-    assert ranging_of({}) == ()
+    assert MissionSetup.of(scenario.parse(BARE)).fuses_ranges == (False, True)
+    assert MissionSetup.of(scenario.load("st-john")).fuses_ranges == ()
+    assert MissionSetup.parse({}).fuses_ranges == ()
+
+
+def test_a_fleet_of_equals_that_uses_no_ranges_uses_none() -> None:
+    fleet = scenario.load("st-john", ["vehicles.fuses_ranges=false", "duration_s=60"])
+    assert MissionSetup.of(fleet).fuses_ranges == (False,) * 3
 
 
 @pytest.mark.parametrize("form", ["f64", "32", "64", "256"])

@@ -15,6 +15,7 @@ from uwcoop.errors import NavigatorError
 from uwcoop.evaluation import metrics
 from uwcoop.missionlog import MissionLog
 from uwcoop.navigators import Context, build, options_of
+from uwcoop.scenario import MissionSetup
 
 ALONE = "mpf-terrain-only"
 KNOWN = ("sigma_current0_mps", "sigma_heading_bias0_rad", "sigma_thrust_bias0_mps")
@@ -103,7 +104,7 @@ def test_without_a_chart_team_is_consistent_and_not_worse_than_dead_reckoning() 
 
 def refused(**options: Any) -> str:
     def make() -> None:
-        chosen = options_of("team", {"navigator": {"team": options}})
+        chosen = options_of("team", MissionSetup.parse({"navigator": {"team": options}}))
         build("team", Context(0, 3, 1500.0, 1, None), chosen, None)
 
     with pytest.raises(NavigatorError) as error:

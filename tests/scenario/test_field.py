@@ -35,7 +35,7 @@ def test_each_is_packaged_simulates_and_says_that_it_is_synthetic(name: str) -> 
     assert log.events["fix"]["t_ns"].tolist() == [0] * len(log.vehicles)
     assert len(log.events["water_depth"]["t_ns"]) == len(log.events["motion"]["t_ns"])  # never off the chart
     for navigator in NAVIGATORS:
-        options_of(navigator, loaded.resolved())
+        options_of(navigator, scenario.MissionSetup.of(loaded))
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.25, 0.5])

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from uwcoop import _native
 from uwcoop.errors import ScenarioError
@@ -15,16 +14,11 @@ from uwcoop.scenario.authentication import HIDDEN, KEY_DIGITS, Authentication
 if TYPE_CHECKING:
     from uwcoop.missionlog import MissionLog
 
-__all__ = ["authenticator_of", "tag_bytes_of"]
-
-
-def tag_bytes_of(tables: Mapping[str, Any]) -> int:
-    """Bytes that a tag adds to every packet of a resolved scenario."""
-    return int(tables.get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0))
+__all__ = ["authenticator_of"]
 
 
 def authenticator_of(log: MissionLog) -> _native.Authenticator | None:
-    """What tags and checks the packets of a mission's team; None where packets carry no tags.
+    """Adds and checks the tags of the packets of a mission's team; None where packets carry no tags.
 
     A mission that is simulated without a key gets one made of its name: both ends of its link are in this process, and
     what a tag accepts does not depend on the key.
@@ -32,8 +26,7 @@ def authenticator_of(log: MissionLog) -> _native.Authenticator | None:
     Raises:
         ScenarioError: a key that is not where the scenario says, or a log of real packets whose key is not known.
     """
-    table = log.scenario.get("acoustics", {}).get("authentication", {})
-    plan = Authentication.model_validate(table)
+    plan = log.setup.authentication
     if plan.tag_bytes == 0:
         return None
     mission = log.seed if plan.mission is None else plan.mission

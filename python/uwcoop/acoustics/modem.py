@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from uwcoop.missionlog.model import Link
+from uwcoop.acoustics.link import Link
 
 if TYPE_CHECKING:
     from uwcoop.scenario.acoustics import Acoustics

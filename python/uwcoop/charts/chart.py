@@ -8,12 +8,14 @@ import json
 import struct
 import zipfile
 import zlib
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uwcoop.charts.grid_bytes import canonical_bytes, packed, unpacked
 from uwcoop.charts.slopes import node_sigma
 from uwcoop.errors import ChartError
 from uwcoop.frames import Origin
@@ -28,13 +30,15 @@ _BY_SLOPE = ("horizontal_error_m", "level_sigma_m")
 """Attributes that say how the error grows with the slope."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, init=False)
 class Chart:
     """Water depth on a square, node-registered grid in local ENU metres.
 
     Row i lies at northing `north0_m + i * cell_m` (south first), column j at easting `east0_m + j * cell_m`.
-    The arrays are copied on construction and cannot be written to. Two charts are equal when their geometry,
-    depths and quality are, whatever their names and notes.
+    The arrays are copied on construction and cannot be written to. Depths and sigmas are taken as float64, float32 or
+    integers and kept as float32, rounded to the nearest: at 100 m by 4 µm at most, at 11 000 m by 0.5 mm. What rounding
+    does not explain is refused: numbers too large for float32, texts, complex numbers. Two charts are equal when their
+    geometry, depths and quality are, whatever their names and notes.
 
     Attributes:
         depth_m: float32 (rows, cols), metres, positive down; NaN is a hole.
@@ -52,31 +56,53 @@ class Chart:
         notes: what was assumed while the chart was read or made, one sentence each, to be printed.
 
     Raises:
-        ChartError: a grid smaller than 2 x 2, all holes, a cell that is not positive, anything not finite.
+        ChartError: a grid smaller than 2 x 2, all holes, a cell that is not positive, anything not finite, or a depth
+            that float32 cannot hold.
     """
 
     depth_m: NDArray[np.float32]
     east0_m: float
     north0_m: float
     cell_m: float
-    sigma_map_m: float | NDArray[np.float32] = 0.0
-    correlation_length_m: float = 0.0
-    origin: Origin = field(default_factory=Origin)
-    name: str = "chart"
-    notes: tuple[str, ...] = ()
-    horizontal_error_m: float = 0.0
-    level_sigma_m: float = 0.0
+    sigma_map_m: float | NDArray[np.float32]
+    correlation_length_m: float
+    origin: Origin
+    name: str
+    notes: tuple[str, ...]
+    horizontal_error_m: float
+    level_sigma_m: float
 
-    def __post_init__(self) -> None:
-        set_field = object.__setattr__
-        set_field(self, "depth_m", _frozen_grid(self.depth_m))
-        for name in ("east0_m", "north0_m", "cell_m", "correlation_length_m", *_BY_SLOPE):
-            set_field(self, name, float(getattr(self, name)))
-        if np.ndim(self.sigma_map_m) == 0:
-            set_field(self, "sigma_map_m", float(self.sigma_map_m))
-        else:
-            set_field(self, "sigma_map_m", _frozen_grid(self.sigma_map_m))
-        set_field(self, "notes", tuple(self.notes))
+    # Written out, because depths and sigmas are taken in any precision and kept in float32.
+    def __init__(
+        self,
+        depth_m: ArrayLike,
+        east0_m: float,
+        north0_m: float,
+        cell_m: float,
+        sigma_map_m: ArrayLike = 0.0,
+        correlation_length_m: float = 0.0,
+        origin: Origin | None = None,
+        name: str = "chart",
+        notes: Iterable[str] = (),
+        horizontal_error_m: float = 0.0,
+        level_sigma_m: float = 0.0,
+    ) -> None:
+        per_node = np.ndim(sigma_map_m) > 0
+        values = {
+            "depth_m": _frozen_grid(depth_m, "depth"),
+            "east0_m": float(east0_m),
+            "north0_m": float(north0_m),
+            "cell_m": float(cell_m),
+            "sigma_map_m": _frozen_grid(sigma_map_m, "sigma_map_m") if per_node else _number(sigma_map_m),
+            "correlation_length_m": float(correlation_length_m),
+            "origin": Origin() if origin is None else origin,
+            "name": name,
+            "notes": tuple(notes),
+            "horizontal_error_m": float(horizontal_error_m),
+            "level_sigma_m": float(level_sigma_m),
+        }
+        for key, value in values.items():
+            object.__setattr__(self, key, value)
         self._validate()
 
     def _validate(self) -> None:
@@ -155,8 +181,8 @@ class Chart:
         if isinstance(self.sigma_map_m, float):
             digest.update(struct.pack("<Bd", 0, self.sigma_map_m + 0.0))
         else:
-            digest.update(b"\x01" + _canonical_bytes(self.sigma_map_m))
-        digest.update(_canonical_bytes(self.depth_m))
+            digest.update(b"\x01" + canonical_bytes(self.sigma_map_m))
+        digest.update(canonical_bytes(self.depth_m))
         if self.horizontal_error_m > 0:
             digest.update(struct.pack("<dd", self.horizontal_error_m, self.level_sigma_m + 0.0))
         return digest.hexdigest()
@@ -214,9 +240,9 @@ class Chart:
         }
         if self.horizontal_error_m > 0:
             header |= {name: getattr(self, name) for name in _BY_SLOPE}
-        members = {"chart.json": json.dumps(header).encode(), "depth": _pack(self.depth_m)}
+        members = {"chart.json": json.dumps(header).encode(), "depth": packed(self.depth_m)}
         if not isinstance(self.sigma_map_m, float):
-            members["sigma"] = _pack(self.sigma_map_m)
+            members["sigma"] = packed(self.sigma_map_m)
         buffer = io.BytesIO()
         with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
             for member, content in members.items():
@@ -237,14 +263,14 @@ class Chart:
             with zipfile.ZipFile(io.BytesIO(content)) as archive:
                 header = json.loads(archive.read("chart.json"))
                 rows, cols = (int(n) for n in header["shape"])
-                depth = _unpack(archive.read("depth"), (rows, cols))
+                depth = unpacked(archive.read("depth"), (rows, cols))
                 sigma = header["sigma_map_m"]
                 return cls(
                     depth_m=depth,
                     east0_m=header["east0_m"],
                     north0_m=header["north0_m"],
                     cell_m=header["cell_m"],
-                    sigma_map_m=_unpack(archive.read("sigma"), (rows, cols)) if sigma is None else sigma,
+                    sigma_map_m=unpacked(archive.read("sigma"), (rows, cols)) if sigma is None else sigma,
                     correlation_length_m=header["correlation_length_m"],
                     origin=Origin(*header["origin"]),
                     name=header["name"],
@@ -289,27 +315,22 @@ def _cells(
     return i, j, x - j, y - i, inside
 
 
-def _frozen_grid(values: object) -> NDArray[np.float32]:
-    grid = np.array(values, dtype=np.float32, order="C")
+def _frozen_grid(values: ArrayLike, quantity: str) -> NDArray[np.float32]:
+    """A read-only copy in float32 that differs from the values by rounding alone."""
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiu":
+        raise ChartError(f"chart {quantity} is of type {given.dtype}: it must be real numbers, metres")
+    with np.errstate(over="ignore"):
+        grid = np.array(given, dtype=np.float32, order="C")
+    lost = np.isinf(grid) & np.isfinite(given)
+    if lost.any():
+        raise ChartError(
+            f"chart {quantity} holds {given[lost].flat[0]:g} m: "
+            f"float32 holds up to {np.finfo(np.float32).max:.4g} m"
+        )
     grid.setflags(write=False)
     return grid
 
 
-def _canonical_bytes(grid: NDArray[np.float32]) -> bytes:
-    canonical = np.where(np.isnan(grid), np.float32(np.nan), grid + np.float32(0))
-    return canonical.astype("<f4").tobytes()
-
-
-def _pack(grid: NDArray[np.float32]) -> bytes:
-    bits = np.ascontiguousarray(grid, dtype="<f4").view("<u4")
-    steps = np.diff(bits, axis=1, prepend=np.zeros((bits.shape[0], 1), dtype="<u4"))
-    return np.ascontiguousarray(steps).view(np.uint8).reshape(-1, 4).T.tobytes()
-
-
-def _unpack(content: bytes, shape: tuple[int, int]) -> NDArray[np.float32]:
-    rows, cols = shape
-    if len(content) != 4 * rows * cols:
-        raise ValueError(f"{len(content)} bytes of depths do not fill {rows} x {cols} nodes")
-    planes = np.frombuffer(content, dtype=np.uint8).reshape(4, -1)
-    steps = np.ascontiguousarray(planes.T).view("<u4").reshape(shape)
-    return np.cumsum(steps, axis=1, dtype=np.uint32).astype("<u4").view("<f4").astype(np.float32)
+def _number(value: ArrayLike) -> float:
+    return float(np.asarray(value, dtype=np.float64))

@@ -6,19 +6,40 @@ take one sigma for all of such a chart learn too little from its level parts and
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from uwcoop.charts.chart import Chart
+    from numpy.typing import ArrayLike, NDArray
+
     from uwcoop.charts.surface import Values
 
 REACH_M = 5.0
 """Slopes are taken over so many metres to each side, or a cell."""
 
 
-def slope_at(chart: Chart, east_m: Values, north_m: Values, *, one_sided: bool = False) -> Values:
+class ChartedDepths(Protocol):
+    """What is read of a `Chart`, whose own error depends on this module."""
+
+    @property
+    def cell_m(self) -> float: ...
+    @property
+    def shape(self) -> tuple[int, int]: ...
+    @property
+    def east_m(self) -> NDArray[np.float64]: ...
+    @property
+    def north_m(self) -> NDArray[np.float64]: ...
+    @property
+    def sigma_map_m(self) -> float | NDArray[np.float32]: ...
+    @property
+    def horizontal_error_m(self) -> float: ...
+    @property
+    def level_sigma_m(self) -> float: ...
+    def depth_at(self, points: ArrayLike) -> NDArray[np.float64]: ...
+
+
+def slope_at(chart: ChartedDepths, east_m: Values, north_m: Values, *, one_sided: bool = False) -> Values:
     """Steepness at places, over a few metres; NaN beside holes, or (`one_sided`) where an axis has no depth on either
     side."""
     reach = max(REACH_M, chart.cell_m)
@@ -38,7 +59,7 @@ def slope_at(chart: Chart, east_m: Values, north_m: Values, *, one_sided: bool =
     return np.asarray(np.hypot(*rises))
 
 
-def node_sigma(chart: Chart) -> Values:
+def node_sigma(chart: ChartedDepths) -> Values:
     """(rows, cols) standard deviation of the chart's error at each node, metres: its `sigma_map_m`, or as the slope says
     where the chart states a horizontal error; the former where there is no slope."""
     sigma = np.broadcast_to(np.asarray(chart.sigma_map_m, dtype=np.float64), chart.shape)

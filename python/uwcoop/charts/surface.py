@@ -67,7 +67,6 @@ def hull(east: Values, north: Values) -> Any:
 def _one_thread() -> Any:
     """A context in which linear algebra uses one thread: one 2 x 2 matrix per triangle is solved, and threads
     that wait for each other make that a hundred times slower on a busy machine."""
-    # It comes with scikit-learn, which verde needs.
     from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
     return threadpool_limits(limits=1, user_api="blas")

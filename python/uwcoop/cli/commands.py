@@ -123,7 +123,7 @@ def chart(
         bool,
         typer.Option(
             "--from-soundings",
-            help="FILE holds soundings: say what each survey's say of the chart that the others make.",
+            help="FILE holds soundings: compare each survey with the chart made of the others.",
         ),
     ] = False,
     align: Annotated[

@@ -78,9 +78,9 @@ def print_run(result: RunResult, console: Console) -> None:
     from uwcoop.report.result_tables import summary_table
 
     summary = result.summary
-    told = not_realisable(summary["navigators"])
+    marked = not_realisable(summary["navigators"])
     console.print(
-        summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=told)
+        summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked)
     )
 
 

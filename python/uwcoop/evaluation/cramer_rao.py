@@ -1,8 +1,8 @@
-"""How well a team could possibly know where it is: its Cramér-Rao bound along a mission's true tracks.
+"""The smallest covariance that a team's estimates can have: its Cramér-Rao bound along a mission's true tracks.
 
-Joint over the team and centralised: every sounding and range in one place at the moment it is measured. The model is
-that of `mpf` with the scenario's options, and what `team` is told of the water that vehicles share, so the bound is what
-those priors and noises allow.
+Joint over the team and centralised: each sounding and range is available in one place as soon as it is measured. The
+model is that of `mpf` with the scenario's options, with `team`'s options for the current and the tide that vehicles
+share. The bound holds for those priors and noises.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["BOUNDS", "bound_covariance_m2", "bound_m", "bounds_of"]
 
 MODEL_OF = "mpf"
-"""The packaged navigator whose options say what the team knows of its world."""
+"""The packaged navigator whose options are the bound's priors and noises."""
 
 _OPTIONS = (
     *DRIFT_KEYS,
@@ -42,7 +42,7 @@ _OPTIONS = (
 )
 
 SHARED_OF = "team"
-"""The one whose options say what the vehicles' currents and tides have in common."""
+"""The one whose options state what the vehicles' currents and tides have in common."""
 
 _SHARED = ("current_difference", "offset_difference_m")
 
@@ -99,8 +99,8 @@ def bound_covariance_m2(
     """
     if log.chart is None or log.truth is None:
         return None
-    options = options_of(MODEL_OF, log.scenario).native(log.chart.correlation_length_m)
-    shared = options_of(SHARED_OF, log.scenario).model_dump()
+    options = options_of(MODEL_OF, log.setup).native(log.chart.correlation_length_m)
+    shared = options_of(SHARED_OF, log.setup).model_dump()
     model: dict[str, Any] = {name: options[name] for name in _OPTIONS} | {
         name: shared[name] for name in _SHARED
     }

@@ -1,13 +1,13 @@
 """The error over time of every run of a study, compact enough to keep: what `errors.nc` holds.
 
-A mission's trace has a value for each whole second, so that the runs of a study can be averaged instant by
-instant. All traces of a study make one Dataset, dims (variant, run, navigator, vehicle, time):
+A mission's error series has a value for each whole second, so that the runs of a study can be averaged instant by
+instant. All error series of a study make one Dataset, dims (variant, run, navigator, vehicle, time):
 
 - `error_m`, float32, m: distance from truth. NaN where truth is unknown, where a variant has no such vehicle
   or is over, and in missions that are not stored (`stored` is false); infinite where the estimate has failed.
 - `arrivals`, uint8: signals that could be heard in the second that ends now.
 - `heard`, uint8: those of them whose packet was used.
-- `mutual_information`, float32, nat: what they told about the position; only with
+- `mutual_information`, float32, nat: mutual information of those ranges and the position; only with
   `diagnostics.entropy = "at_reception"`, NaN where nothing was heard.
 - `stored (variant, run)`; coordinates `variant` (its settings as text, empty where nothing is varied) and
   `seed (run)`.
@@ -34,7 +34,7 @@ __all__ = ["FILE", "ErrorSeries", "error_series_of", "gather", "read_error_serie
 FILE = "errors.nc"
 
 ErrorSeries = dict[tuple[str, int], xr.Dataset]
-"""A mission's trace by variant and seed."""
+"""A mission's error series by variant and seed."""
 
 _EACH = ("navigator", "vehicle", "time")
 _EMPTY = {"error_m": np.nan, "mutual_information": np.nan, "arrivals": 0, "heard": 0}
@@ -44,13 +44,13 @@ _ATTRIBUTES = {
     "heard": {"units": "1", "long_name": "packets used in the second that ends now"},
     "mutual_information": {
         "units": "nat",
-        "long_name": "what the ranges of this second told of the position",
+        "long_name": "mutual information of position and the ranges of this second",
     },
 }
 
 
 def error_series_of(tracks: xr.Dataset) -> xr.Dataset:
-    """A mission's trace, dims (navigator, vehicle, time at 1 Hz), from its tracks."""
+    """A mission's error series, dims (navigator, vehicle, time at 1 Hz), from its tracks."""
     time = tracks["time"].values
     grid = np.flatnonzero(np.abs(time - np.round(time)) < 1e-9)
     # Instants of a second: those after the whole second before it, itself included.
@@ -69,9 +69,9 @@ def error_series_of(tracks: xr.Dataset) -> xr.Dataset:
         "heard": heard.astype(np.uint8),
     }
     if "mutual_information" in tracks:
-        told = tracks["mutual_information"].values
-        known = binned(np.isfinite(told).astype(np.float64)) > 0
-        sums = binned(np.where(np.isfinite(told), told, 0.0))
+        gained = tracks["mutual_information"].values
+        known = binned(np.isfinite(gained).astype(np.float64)) > 0
+        sums = binned(np.where(np.isfinite(gained), gained, 0.0))
         values["mutual_information"] = np.where(known, sums, np.nan).astype(np.float32)
     return xr.Dataset(
         {name: (_EACH, array, _ATTRIBUTES[name]) for name, array in values.items()},
@@ -84,26 +84,26 @@ def error_series_of(tracks: xr.Dataset) -> xr.Dataset:
     )
 
 
-def gather(traces: ErrorSeries, variants: Sequence[str], seeds: Sequence[int]) -> xr.Dataset | None:
-    """The traces of these variants and seeds as one Dataset; None if there are none of them."""
-    own = {(v, s): traces[v, s] for v in variants for s in seeds if (v, s) in traces}
+def gather(error_series: ErrorSeries, variants: Sequence[str], seeds: Sequence[int]) -> xr.Dataset | None:
+    """The error series of these variants and seeds as one Dataset; None if there are none of them."""
+    own = {(v, s): error_series[v, s] for v in variants for s in seeds if (v, s) in error_series}
     if not own:
         return None
     every = list(own.values())
-    names = {dim: _union(trace[dim].values.tolist() for trace in every) for dim in ("navigator", "vehicle")}
-    time = max((trace["time"].values for trace in every), key=len)
+    names = {dim: _union(series[dim].values.tolist() for series in every) for dim in ("navigator", "vehicle")}
+    time = max((series["time"].values for series in every), key=len)
     shape = (len(variants), len(seeds), *(len(n) for n in names.values()), len(time))
     values = {
         name: np.full(shape, empty, next(t[name].dtype for t in every if name in t))
         for name, empty in _EMPTY.items()
-        if any(name in trace for trace in every)
+        if any(name in series for series in every)
     }
-    for (variant, seed), trace in own.items():
-        at = np.ix_(*([names[dim].index(n) for n in trace[dim].values.tolist()] for dim in names))
+    for (variant, seed), series in own.items():
+        at = np.ix_(*([names[dim].index(n) for n in series[dim].values.tolist()] for dim in names))
         mission = (variants.index(variant), seeds.index(seed))
         for name, array in values.items():
-            if name in trace:
-                array[mission][..., : trace.sizes["time"]][at] = trace[name].values
+            if name in series:
+                array[mission][..., : series.sizes["time"]][at] = series[name].values
     stored = [[(variant, seed) in own for seed in seeds] for variant in variants]
     return xr.Dataset(
         {
@@ -120,9 +120,11 @@ def gather(traces: ErrorSeries, variants: Sequence[str], seeds: Sequence[int]) -
     )
 
 
-def write_error_series(traces: ErrorSeries, folder: Path) -> None:
-    """Write `errors.nc` with all traces; nothing if there are none."""
-    everything = gather(traces, _union([v] for v, _ in traces), sorted({s for _, s in traces}))
+def write_error_series(error_series: ErrorSeries, folder: Path) -> None:
+    """Write `errors.nc` with all error series; nothing if there are none."""
+    everything = gather(
+        error_series, _union([v] for v, _ in error_series), sorted({s for _, s in error_series})
+    )
     if everything is None:
         return
     packed = {"zlib": True, "complevel": 4, "shuffle": True}
@@ -132,7 +134,7 @@ def write_error_series(traces: ErrorSeries, folder: Path) -> None:
 
 
 def read_error_series(folder: Path) -> ErrorSeries:
-    """The traces that `errors.nc` in `folder` holds; none if there is no such file.
+    """The error series that `errors.nc` in `folder` holds; none if there is no such file.
 
     Raises:
         TracksError: a file that `write_error_series` has not written.

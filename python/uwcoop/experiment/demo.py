@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 from uwcoop.errors import MissingDependencyError
 from uwcoop.experiment.mission import load_scenario
-from uwcoop.experiment.packet_budget import default_navigators
+from uwcoop.experiment.navigator_choice import default_navigators
 from uwcoop.experiment.run import run
 from uwcoop.missionlog.mcap import load_log, write_log
 from uwcoop.report.atomic_files import refuse_file
 from uwcoop.report.run_folder import write_chart_picture, write_run
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world.simulate import simulate
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ SCENARIO = "st-john-drift"
 def steps() -> int:
     """How often `run_demo` says that it has done something."""
     scenario = load_scenario(SCENARIO)
-    return 3 + len(default_navigators(scenario.resolved(), len(scenario.team)))
+    return 3 + len(default_navigators(MissionSetup.of(scenario), len(scenario.team)))
 
 
 def run_demo(

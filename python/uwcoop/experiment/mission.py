@@ -44,19 +44,18 @@ def open_mission(
     """
     if isinstance(mission, MissionLog):
         validate(mission)
-        return _told(mission, chart, overrides)
+        return _changed(mission, chart, overrides)
     if isinstance(mission, str | Path) and Path(mission).suffix == LOG_SUFFIX:
         from uwcoop.missionlog.mcap import load_log
 
-        return _told(load_log(mission), chart, overrides)
+        return _changed(load_log(mission), chart, overrides)
     if isinstance(mission, str | Path) and Path(mission).is_dir():
-        return _told(*_recorded(Path(mission), 0 if seed is None else seed, overrides, chart))
+        return _changed(*_recorded(Path(mission), 0 if seed is None else seed, overrides, chart))
     from uwcoop.importers.datasets import SUFFIXES, open_recording
 
     if isinstance(mission, str | Path) and Path(mission).suffix in SUFFIXES:
-        reading = [override for override in overrides if _table_of(override) == "recording"]
-        others = [override for override in overrides if _table_of(override) != "recording"]
-        return _told(open_recording(mission, reading), chart, others)
+        reading, others = scenarios.split_overrides(overrides, "recording")
+        return _changed(open_recording(mission, reading), chart, others)
     from uwcoop.world.simulate import simulate
 
     if isinstance(chart, str | Path):
@@ -68,17 +67,13 @@ def _recorded(
     folder: Path, seed: int, overrides: Sequence[str], chart: Chart | str | Path | None
 ) -> tuple[MissionLog, Chart | str | Path | None, Sequence[str]]:
     """A data set as a mission by the overrides `mrclam.*`; with the chart, and the overrides that are left."""
-    from uwcoop.importers.datasets.mrclam import is_mrclam, read_mrclam
+    from uwcoop.importers.datasets.mrclam import read_mrclam
+    from uwcoop.importers.datasets.mrclam_files import is_mrclam
 
     if not is_mrclam(folder):
         raise LogError(f"{folder} is a folder but no MRCLAM data set: it has no Barcodes.dat")
-    own = [override for override in overrides if override.split(".")[0].strip() == "mrclam"]
-    told = scenarios.apply_overrides({}, own).get("mrclam", {})
-    return (
-        read_mrclam(folder, seed, **told),
-        chart,
-        [override for override in overrides if override not in own],
-    )
+    own, others = scenarios.split_overrides(overrides, "mrclam")
+    return read_mrclam(folder, seed, **scenarios.table_of(own, "mrclam")), chart, others
 
 
 def load_scenario(
@@ -100,26 +95,20 @@ def load_scenario(
     )
 
 
-def _told(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence[str]) -> MissionLog:
+def _changed(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence[str]) -> MissionLog:
     """The log with its chart checked or added, and with navigators' options changed."""
-    tables = {override: _table_of(override) for override in overrides}
-    possible = {"navigator", "chart"} if isinstance(chart, str | Path) else {"navigator"}
-    for override, table in tables.items():
-        if table not in possible:
-            raise ScenarioError(
-                f"override {override!r}: mission {log.name!r} is a log and has happened, "
-                "only navigator.* can be changed"
-            )
+    options, others = scenarios.split_overrides(overrides, "navigator")
+    reading, others = (
+        scenarios.split_overrides(others, "chart") if isinstance(chart, str | Path) else ([], others)
+    )
+    if others:
+        raise ScenarioError(
+            f"override {others[0]!r}: mission {log.name!r} is a log and has happened, "
+            "only navigator.* can be changed"
+        )
     if chart is not None:
-        reading = [override for override in overrides if tables[override] == "chart"]
         log = _with_chart(log, chart, reading)
-    options = [override for override in overrides if tables[override] == "navigator"]
-    return replace(log, scenario=scenarios.apply_overrides(log.scenario, options)) if options else log
-
-
-def _table_of(override: str) -> str:
-    """The table that an override is about; empty for a key outside of any."""
-    return override.split(".")[0].strip() if "." in override.partition("=")[0] else ""
+    return replace(log, setup=log.setup.with_overrides(options)) if options else log
 
 
 def _with_chart(log: MissionLog, chart: Chart | str | Path, reading: Sequence[str]) -> MissionLog:

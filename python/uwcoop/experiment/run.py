@@ -18,9 +18,9 @@ from uwcoop.evaluation import metrics
 from uwcoop.evaluation.cramer_rao import BOUNDS, bounds_of
 from uwcoop.evaluation.pose_tracks import pose_variables
 from uwcoop.experiment.mission import open_mission
-from uwcoop.experiment.packet_budget import check_packets_fit, default_navigators, ranging_of
+from uwcoop.experiment.navigator_choice import check_packets_fit, default_navigators
 from uwcoop.missionlog import MissionLog
-from uwcoop.navigators import NAVIGATORS, Context, Custom, build, options_of
+from uwcoop.navigators import NAVIGATORS, Context, Custom, PythonNavigator, build, build_central, options_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["RunResult", "native_mission", "replay_for", "run", "sample_times_ns"]
 
-SETTLE_S = 50.0
-"""For logs that name no scenario: errors count after this time."""
 CLOUD_EVERY = 10
 """Particles are kept at every so many instants of the record (10 keeps a mission's replay near 4 MB)."""
 
@@ -90,12 +88,12 @@ def run(
         ScenarioError, LogError, ChartError, NavigatorError: one line that says what is wrong.
     """
     log = open_mission(mission, seed, chart, overrides)
-    chosen = default_navigators(log.scenario, len(log.vehicles)) if navigators is None else list(navigators)
+    chosen = default_navigators(log.setup, len(log.vehicles)) if navigators is None else list(navigators)
     names = [n if isinstance(n, str) else n.name for n in chosen]
     repeated = {n for n in names if names.count(n) > 1}
     if repeated:
         raise LogError(f"navigator {sorted(repeated)[0]!r} is asked for more than once")
-    check_packets_fit((n for n in chosen if isinstance(n, str)), log.scenario, len(log.vehicles))
+    check_packets_fit((n for n in chosen if isinstance(n, str)), log.setup, len(log.vehicles))
     filter_seed = log.seed if seed is None else seed
     native = native_mission(log)
     sample_ns = sample_times_ns(log)
@@ -159,25 +157,27 @@ def replay_for(
     cloud_every: int = 0,
 ) -> _native.Replay:
     """A team of one kind of navigator, ready to replay the mission step by step or whole."""
-    ranging = ranging_of(log.scenario)
     contexts = [
-        Context(k, len(log.vehicles), log.link.sound_speed_mps, seed, log.chart, ranging)
+        Context(k, len(log.vehicles), log.link.sound_speed_mps, seed, log.chart, log.setup.fuses_ranges)
         for k in range(len(log.vehicles))
     ]
-    team: Any
-    if isinstance(navigator, Custom):
-        team = [navigator.make(context) for context in contexts]
-    else:
-        options = options_of(navigator, log.scenario)
-        if NAVIGATORS[navigator].central:
-            team = build(navigator, contexts[0], options, chart)
-        else:
-            team = [build(navigator, context, options, chart) for context in contexts]
-    replay = _native.Replay(mission, team, sample_ns, cloud_every)
+    replay = _native.Replay(mission, _estimators(navigator, log, contexts, chart), sample_ns, cloud_every)
     authenticator = authenticator_of(log)
     if authenticator is not None:
         replay.authenticate(authenticator)
     return replay
+
+
+def _estimators(
+    navigator: str | Custom, log: MissionLog, contexts: Sequence[Context], chart: _native.Chart | None
+) -> Sequence[_native.Navigator | PythonNavigator] | _native.CentralEstimator:
+    """One navigator for each vehicle, or the centralised estimator of all."""
+    if isinstance(navigator, Custom):
+        return [navigator.make(context) for context in contexts]
+    options = options_of(navigator, log.setup)
+    if NAVIGATORS[navigator].central:
+        return build_central(navigator, contexts[0], options, chart)
+    return [build(navigator, context, options, chart) for context in contexts]
 
 
 def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, Any]]) -> xr.Dataset:
@@ -185,7 +185,7 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
     each = ("navigator", "vehicle", "time")
     covariance = np.stack([r["covariance_m2"] for r in records])
     sent, heard = np.zeros(covariance.shape[:3], np.int64), np.zeros(covariance.shape[:3], bool)
-    told = np.full(covariance.shape[:3], np.nan)
+    gained = np.full(covariance.shape[:3], np.nan)
     for k, record in enumerate(records):
         at = np.minimum(np.searchsorted(t_ns, record["sent"]["tol_ns"]), len(t_ns) - 1)
         np.add.at(sent[k], (record["sent"]["sender"], at), record["sent"]["bytes"])
@@ -195,11 +195,14 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         used = packets["accepted"] & (packets["toa_ns"] <= t_ns[-1])
         at_arrival = (k, packets["receiver"][used], np.searchsorted(t_ns, packets["toa_ns"][used]))
         heard[at_arrival] = True
-        told[at_arrival] = packets["information_nat"][used]
+        gained[at_arrival] = packets["information_nat"][used]
     optional: dict[str, Any] = {}
-    if np.isfinite(told).any():
-        nat = {"units": "nat", "long_name": "what the range that arrived now told about the position"}
-        optional["mutual_information"] = (each, told, nat)
+    if np.isfinite(gained).any():
+        nat = {
+            "units": "nat",
+            "long_name": "mutual information of the position and the range that arrived now",
+        }
+        optional["mutual_information"] = (each, gained, nat)
     for bound, values in bounds_of(log, t_ns).items():
         optional[bound] = (("vehicle", "time"), values, {"units": "m", "long_name": BOUNDS[bound]})
     received = np.zeros(covariance.shape[1:3], bool)
@@ -212,7 +215,6 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
         return np.stack([r[key] for r in records])
 
     metres = {"units": "m"}
-    settle_s = log.scenario.get("metrics", {}).get("settle_s", SETTLE_S)
     return xr.Dataset(
         {
             "position_m": ((*each, "axis"), stack("mean_m"), metres),
@@ -237,19 +239,19 @@ def _tracks(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, A
             "axis": ["east", "north"],
             "axis_b": ["east", "north"],
         },
-        attrs={"mission": log.name, "seed": log.seed, "settle_s": float(settle_s)},
+        attrs={"mission": log.name, "seed": log.seed, "settle_s": log.setup.metrics.settle_s},
     )
 
 
 def _diagnostics(records: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What navigators said of themselves, a variable each; NaN where one said nothing of the kind."""
+    """The navigators' diagnostics, a variable each; NaN for a navigator without it."""
     shape = records[0]["ess"].shape
-    said = {
+    stated = {
         name: np.stack([r["diagnostics"].get(name, np.full(shape, np.nan)) for r in records])
         for name in sorted({name for r in records for name in r["diagnostics"]})
     }
-    by = {"role": "diagnostic", "long_name": "as the navigator says"}
-    return {name: (("navigator", "vehicle", "time"), values, by) for name, values in said.items()}
+    by = {"role": "diagnostic", "long_name": "as the navigator states it"}
+    return {name: (("navigator", "vehicle", "time"), values, by) for name, values in stated.items()}
 
 
 def _sent(mission: _native.Mission, record: dict[str, Any]) -> dict[str, float]:

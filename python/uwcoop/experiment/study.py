@@ -29,10 +29,11 @@ from uwcoop.evaluation.error_series import (
     write_error_series,
 )
 from uwcoop.evaluation.metrics import summary_text
-from uwcoop.experiment.packet_budget import default_navigators
+from uwcoop.experiment.navigator_choice import default_navigators
 from uwcoop.experiment.run import run
 from uwcoop.experiment.study_store import Row, StudyStore, text_of
 from uwcoop.navigators import Custom, options_of
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world.simulate import open_chart, simulate
 
 if TYPE_CHECKING:
@@ -46,16 +47,12 @@ if TYPE_CHECKING:
 __all__ = ["StudyResult", "study"]
 
 
-_NOT_OF_THE_WORLD = ("navigator", "navigators", "metrics")
-"""Tables of a scenario in which variants may differ and still fly the same mission."""
-
-
 @dataclass(frozen=True)
 class StudyResult:
     """What a study gives."""
 
     rows: list[Row]
-    """One for each variant, run, navigator and vehicle: the varied keys, then `metrics.ROW_COLUMNS`."""
+    """One for each variant, run, navigator and vehicle: the varied keys, then `metrics.row_columns`."""
     summary: dict[str, Any]
     """What `summary.json` holds."""
     settle_s: float
@@ -148,7 +145,7 @@ def study(
                 for k, rows, _ in flown
                 for row in rows
             ])  # fmt: skip
-            kept |= {(variants[k].label, seed): trace for k, _, trace in flown if trace is not None}
+            kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
             done += len(flown)
             if progress:
                 progress(done, total)
@@ -162,7 +159,7 @@ def study(
 
 def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
     """The packaged navigators that take part in every variant."""
-    fits = [default_navigators(v.scenario.resolved(), len(v.scenario.team)) for v in variants]
+    fits = [default_navigators(MissionSetup.of(v.scenario), len(v.scenario.team)) for v in variants]
     return [name for name in fits[0] if all(name in f for f in fits)]
 
 
@@ -186,15 +183,15 @@ def _name(navigator: str | Custom) -> str:
 
 def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
     """SHA-256 of what a variant's rows depend on: scenario, the navigators' options, files that are read."""
-    resolved = scenario.resolved()
-    options = {n: options_of(n, resolved).model_dump() for n in navigators if isinstance(n, str)}
+    setup = MissionSetup.of(scenario)
+    options = {n: options_of(n, setup).model_dump() for n in navigators if isinstance(n, str)}
     chart = scenario.chart
     paths = [chart.source] if chart is not None and chart.synthetic is None else []
     paths += [vehicle.track.file for vehicle in scenario.team if vehicle.track is not None]
     # A file that is missing is refused, with a better message, by who reads it.
     files = [hashlib.sha256(Path(p).read_bytes()).hexdigest() for p in paths if Path(p).is_file()]
-    said = json.dumps([resolved, options, files], sort_keys=True)
-    return hashlib.sha256(said.encode()).hexdigest()
+    content = json.dumps([setup.tables(), options, files], sort_keys=True)
+    return hashlib.sha256(content.encode()).hexdigest()
 
 
 def _pending(
@@ -221,7 +218,7 @@ def _label(keys: Iterable[str], texts: Iterable[str]) -> str:
 def _kept_before(ledger: StudyStore, keys: Sequence[str], folder: Path) -> ErrorSeries:
     """Errors over time in the folder, of missions whose rows it holds too."""
     flown = {(_label(keys, texts), seed) for texts, seed in ledger.missions()}
-    return {mission: trace for mission, trace in read_error_series(folder).items() if mission in flown}
+    return {mission: series for mission, series in read_error_series(folder).items() if mission in flown}
 
 
 _Flown = list[tuple[int, list[Row], "xr.Dataset | None"]]
@@ -297,11 +294,10 @@ def _fly(
     logs: dict[str, MissionLog] = {}
     flown: _Flown = []
     for k, scenario in job:
-        resolved = scenario.resolved()
-        world = json.dumps({key: resolved[key] for key in resolved if key not in _NOT_OF_THE_WORLD})
+        world = scenario.world_text()
         if world not in logs:
             logs[world] = simulate(scenario, seed, None if scenario.chart is None else _chart(scenario.chart))
-        log = replace(logs[world], scenario=resolved)
+        log = replace(logs[world], setup=MissionSetup.of(scenario))
         result = run(log, navigators, clouds=False)
         rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
         flown.append((k, rows, error_series_of(result.tracks) if keep_errors else None))

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from uwcoop.errors import StudyError
-from uwcoop.evaluation.metrics import ROW_COLUMNS
+from uwcoop.evaluation.metrics import row_columns
 from uwcoop.report.atomic_files import atomic_write, refuse_file
 
 __all__ = ["Row", "StudyStore", "text_of"]
 
 Row = dict[str, Any]
-"""Varied keys as text, then the columns of `metrics.ROW_COLUMNS`."""
+"""Varied keys as text, then the columns of `metrics.row_columns`."""
 
 
 def text_of(value: Any) -> str:
@@ -55,7 +55,7 @@ class StudyStore:
         self._keys = tuple(keys)
         self._about = {**identity, "vary": list(keys)}
         self._digests = {json.dumps(variant): digest for variant, digest in digests.items()}
-        self._columns = (*self._keys, *ROW_COLUMNS)
+        self._columns = (*self._keys, *row_columns())
         self._started = False
         if folder is None:
             return
@@ -173,6 +173,6 @@ class StudyStore:
 
     def _row(self, cells: list[str]) -> Row:
         row: Row = dict(zip(self._columns, cells, strict=True))
-        for column, kind in ROW_COLUMNS.items():
+        for column, kind in row_columns().items():
             row[column] = kind(row[column]) if row[column] or kind is str else None
         return row

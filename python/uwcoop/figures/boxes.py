@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     Rows = Sequence[Mapping[str, Any]]
 
 HATCHES = ("", "////", "....", "\\\\\\\\", "xxxx", "----", "||||", "oooo")
-"""One for each navigator, so that boxes can be told apart in greyscale."""
+"""One for each navigator, so that boxes can be distinguished in greyscale."""
 
 INK = "#111111"
 PANELS = {"final_error_m": "error at the end (m)", "rmse_m": "RMS error of the mission (m)"}
@@ -45,7 +45,7 @@ def boxes_figure(rows: Rows, keys: Sequence[str] = (), *, title: str, settle_s: 
     """Error at the end and RMS error of the mission, a box for each navigator and combination of values.
 
     Args:
-        rows: of a study, one for each run, navigator and vehicle: `metrics.ROW_COLUMNS` and the varied keys.
+        rows: of a study, one for each run, navigator and vehicle: `metrics.row_columns` and the varied keys.
         keys: dotted keys that are varied; each combination of their values is a group of boxes.
         title: scenario.
         settle_s: RMS errors count from here on, s.

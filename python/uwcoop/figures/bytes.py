@@ -58,8 +58,8 @@ def summarised(rows: Rows, keys: Sequence[str]) -> list[dict[str, Any]]:
         groups.setdefault((variant, str(row["navigator"])), []).append(row)
     for (variant, navigator), own in groups.items():
         known = [row for row in own if row["rmse_m"] is not None]
-        told = [row.get("packet_bytes_mean") for row in own]
-        sizes = [size for size in told if size is not None]
+        means = [row.get("packet_bytes_mean") for row in own]
+        sizes = [size for size in means if size is not None]
         anees = [value for value in (row.get("anees") for row in own) if value is not None]
         if known:
             found.append({

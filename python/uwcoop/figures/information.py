@@ -1,4 +1,4 @@
-"""What ranges told against how far off the vehicles were: information gain at receptions and the error after."""
+"""Information gain at receptions against the error after them."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ def information_figure(tracks: xr.Dataset, *, title: str) -> Figure:
         axes.yaxis.set_major_formatter("{x:g}")
     else:
         axes.set_ylim(0, 1.1 * float(np.quantile(np.concatenate(errors), 0.995)))
-    told = np.concatenate([gain.information_nat for gain in gains])
-    low, high = np.quantile(told, [0.005, 0.99])
+    gained = np.concatenate([gain.information_nat for gain in gains])
+    low, high = np.quantile(gained, [0.005, 0.99])
     pad = 0.04 * max(float(high - low), 1e-3)
     axes.set_xlim(float(low) - pad, float(high) + pad)
     axes.grid(alpha=0.3, lw=0.6)
@@ -96,20 +96,20 @@ def gains_of(tracks: xr.Dataset) -> list[Gain]:
     if "mutual_information" not in tracks:
         raise TracksError("no information gain is recorded: set diagnostics.entropy = at_reception")
     order = ("navigator", ..., "time")
-    told = tracks["mutual_information"].transpose(*order).values.astype(np.float64)
+    gained = tracks["mutual_information"].transpose(*order).values.astype(np.float64)
     error = tracks["error_m"] if "error_m" in tracks else metrics.errors(tracks)
     after = _mean_after(error.transpose(*order).values.astype(np.float64), tracks["time"].values)
     settled = tracks["time"].values > float(tracks.attrs["settle_s"])
-    heard = np.isfinite(told) & settled
+    heard = np.isfinite(gained) & settled
     usual = [float(np.median(e)) if (e := after[i][heard[i] & ~np.isnan(after[i])]).size else np.inf
-             for i in range(len(told))]  # fmt: skip
-    talking = [i for i in range(len(told)) if heard[i].any()]
+             for i in range(len(gained))]  # fmt: skip
+    talking = [i for i in range(len(gained)) if heard[i].any()]
     gains = []
-    for i in range(len(told)):
+    for i in range(len(gained)):
         by = i if i in talking else min(talking, key=lambda k: usual[k], default=i)
         at = heard[by] & np.isfinite(after[i])
         if at.any():
-            gains.append(Gain(i, by, told[by][at], after[i][at]))
+            gains.append(Gain(i, by, gained[by][at], after[i][at]))
     if not gains:
         raise TracksError("no reception after settling has both an information gain and a known error")
     return gains

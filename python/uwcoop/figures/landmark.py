@@ -125,8 +125,8 @@ class Believed:
         self._position = np.asarray(tracks["position_m"].values[navigator], dtype=np.float64)
         self._yaw = np.asarray(tracks["yaw_rad"].values[navigator], dtype=np.float64)
         names = ("landmark_e_m", "landmark_n_m", "landmark_yaw_rad")
-        told = bool(tracks["heard"].values[navigator].any())  # else its landmark is for ever the first one
-        self._landmark = [tracks[name].values[navigator] for name in names if told and name in tracks]
+        hears = bool(tracks["heard"].values[navigator].any())  # else its landmark stays the first one
+        self._landmark = [tracks[name].values[navigator] for name in names if hears and name in tracks]
         if not np.isfinite(self._yaw).any() and "truth_yaw_rad" in tracks:
             self._yaw = np.asarray(tracks["truth_yaw_rad"].values, dtype=np.float64)
 
@@ -147,9 +147,9 @@ class Believed:
         if len(self._landmark) == 3:
             before = np.maximum(np.searchsorted(self._time, t_s, side="right") - 1, 0)
             east, north, points = (values[mover, before] for values in self._landmark)
-            told = np.isfinite(east) & np.isfinite(north) & np.isfinite(points)
-            position = np.where(told[:, None], np.column_stack([east, north]), position)
-            yaw = np.where(told, points, yaw)
+            known = np.isfinite(east) & np.isfinite(north) & np.isfinite(points)
+            position = np.where(known[:, None], np.column_stack([east, north]), position)
+            yaw = np.where(known, points, yaw)
         return position, yaw
 
     def _between(self, values: Floats, vehicle: NDArray[np.int64], t_s: Floats) -> Floats:

@@ -171,15 +171,10 @@ def _square(view: tuple[float, float, float, float]) -> tuple[float, float, floa
 
 def _sigmas(log: MissionLog) -> Floats:
     """Of range (m) and both bearings (deg), as the scenario or the data set states them; 0: not stated."""
-    mutual, recorded = log.scenario.get("mutual", {}), log.scenario.get("mrclam", {})
-    bearing = recorded.get("bearing_sigma_deg", 0.0)
-    return np.array(
-        [
-            mutual.get("range_sigma_m", recorded.get("range_sigma_m", 0.0)),
-            mutual.get("own_bearing_sigma_deg", bearing),
-            mutual.get("peer_bearing_sigma_deg", bearing),
-        ]
-    )
+    stated = log.setup.positioning
+    if stated is None:
+        return np.zeros(3)
+    return np.array([stated.range_m, stated.own_bearing_deg, stated.peer_bearing_deg])
 
 
 def _likelihood(tracks: xr.Dataset, navigator: int) -> Floats | None:

@@ -21,7 +21,7 @@ NO_TRACES = "no errors over time are stored: the missions were flown without --f
 def study_figures(
     rows: Sequence[Mapping[str, Any]],
     keys: Sequence[str] = (),
-    traces: xr.Dataset | None = None,
+    error_series: xr.Dataset | None = None,
     *,
     title: str,
     settle_s: float,
@@ -32,26 +32,26 @@ def study_figures(
     `information.png`. Pictures of one mission (`covariance.png`, `traffic.png`) are a run's.
 
     Args:
-        rows: `metrics.ROW_COLUMNS` and the varied keys.
+        rows: `metrics.row_columns` and the varied keys.
         keys: dotted keys that are varied.
-        traces: what `uwcoop.evaluation.error_series.gather` gives.
+        error_series: what `uwcoop.evaluation.error_series.gather` gives.
         title: scenario.
         settle_s: errors count from here on, s.
     """
     yield "boxes.png", _or_reason(lambda: boxes_figure(rows, keys, title=title, settle_s=settle_s))
     yield "bytes.png", _or_reason(lambda: bytes_figure(rows, keys, title=title))
-    if traces is None:
+    if error_series is None:
         yield "errors_over_time.png", NO_TRACES
         yield "information.png", NO_TRACES
         return
-    for first in range(0, traces.sizes["variant"], MOST_VARIANTS):
-        part = traces.isel(variant=slice(first, first + MOST_VARIANTS))
+    for first in range(0, error_series.sizes["variant"], MOST_VARIANTS):
+        part = error_series.isel(variant=slice(first, first + MOST_VARIANTS))
         page = f"-{first // MOST_VARIANTS + 1}" if first else ""
         yield (
             f"errors_over_time{page}.png",
             _or_reason(lambda p=part: errors_over_time_figure(p, title=title)),
         )
-    yield "information.png", _or_reason(lambda: information_figure(traces, title=title))
+    yield "information.png", _or_reason(lambda: information_figure(error_series, title=title))
 
 
 def _or_reason(draw: Any) -> Figure | str:

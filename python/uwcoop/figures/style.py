@@ -14,7 +14,7 @@ OKABE_ITO = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "
 """Colour-blind-safe palette (after Okabe and Ito 2008), strongest on white first; used by every picture."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
-"""One for each vehicle, so that paths can be told apart in greyscale."""
+"""One for each vehicle, so that paths can be distinguished in greyscale."""
 
 DEPTH_COLOURS = ("#f7f6ec", "#d6e6e4", "#a9c9d6", "#7fa6c4")
 """Shallow to deep."""
@@ -22,7 +22,7 @@ DEPTH_COLOURS = ("#f7f6ec", "#d6e6e4", "#a9c9d6", "#7fa6c4")
 DPI = 150
 
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2, 1, 2, 1, 2)))
-"""One for each navigator, so that lines can be told apart in greyscale."""
+"""One for each navigator, so that lines can be distinguished in greyscale."""
 
 RECEIVED_COLOUR, LOST_COLOUR, REJECTED_COLOUR = "#444444", "#D55E00", "#56B4E9"
 """Of a packet at its receiver."""

@@ -19,7 +19,7 @@ as log time and as header stamp. World frame `map`: local ENU metres, z up (REP 
 | `/{V}/role_taken` | uwcoop_msgs/RoleTaken | landmark or not |
 | `/acoustics/slot` | uwcoop_msgs/AcousticSlot | sender, capacity; stamped TOL |
 | `/acoustics/opportunity` | uwcoop_msgs/AcousticOpportunity | who, TOA, survival, draws; stamped TOL |
-| `/acoustics/poll` | uwcoop_msgs/AcousticPoll | who asks whom, bytes, air time, whether heard; stamped launch |
+| `/acoustics/poll` | uwcoop_msgs/AcousticPoll | poller and sender, bytes, air time, whether heard; stamped launch |
 | `/acoustics/reception` | uwcoop_msgs/AcousticReception | who, TOL, TOA, payload; stamped decode end |
 | `/truth/{V}/odometry` | nav_msgs/Odometry | true position, z = −depth |
 | `/truth/{V}/yaw` | uwcoop_msgs/Heading | true yaw, to the last bit |
@@ -55,12 +55,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from uwcoop.errors import ChartError, LogError
+from uwcoop.acoustics.link import Link
+from uwcoop.errors import ChartError, LogError, ScenarioError
 from uwcoop.frames import Origin
 from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
 from uwcoop.missionlog.messages import definition, typestore
-from uwcoop.missionlog.model import Link, MissionLog
+from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.validate import validate
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -178,7 +180,7 @@ def _metadata(log: MissionLog) -> dict[str, str]:
         "namespaces": topics.namespaces(log.vehicles),
         "link": asdict(log.link),
         "origin": asdict(log.origin),
-        "scenario": log.scenario,
+        "scenario": log.setup.tables(),
         "rows": rows,
         "draws": draws,
         "truth": truth.describe(log),
@@ -187,7 +189,7 @@ def _metadata(log: MissionLog) -> dict[str, str]:
     try:
         return {key: json.dumps(value) for key, value in values.items()}
     except (TypeError, ValueError) as error:
-        raise LogError(f"scenario or attributes cannot be written as JSON: {error}") from error
+        raise LogError(f"attributes cannot be written as JSON: {error}") from error
 
 
 def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
@@ -201,7 +203,7 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
             duration_ns=about["duration_ns"],
             link=Link(**about["link"]),
             origin=Origin(**about["origin"]),
-            scenario=about["scenario"],
+            setup=MissionSetup.parse(about["scenario"]),
         )
         _check_types(file, names)
         if "slots" in rows:
@@ -221,6 +223,8 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         if isinstance(error, LogError):
             raise
+        if isinstance(error, ScenarioError):
+            raise LogError(str(error)) from error
         raise LogError(f"metadata is not what this version writes: {_what(error)}") from error
     return log
 

@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uwcoop.acoustics.link import Link
 from uwcoop.errors import LogError
 from uwcoop.frames import Origin
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,22 +106,6 @@ def event_columns(kind: str, t_ns: ArrayLike, vehicle: ArrayLike, **values: Arra
     return {name: column[order] for name, column in table.items()}
 
 
-@dataclass(frozen=True)
-class Link:
-    """What both ends of the acoustic link agree on.
-
-    A packet of n bytes needs `ceil(n / frame_bytes)` frames (at least one), is refused above `max_frames`,
-    and occupies the channel for `preamble_s + frames * frame_s`. All frames must survive.
-    """
-
-    modem: str
-    frame_bytes: int
-    max_frames: int
-    frame_s: float
-    preamble_s: float
-    sound_speed_mps: float
-
-
 @dataclass
 class MissionLog:
     """One mission: who took part, what each vehicle sensed, when each could talk; apart: what was true."""
@@ -139,8 +125,8 @@ class MissionLog:
     """Of two-way ranging; empty for one-way."""
     chart: Chart | None = None
     origin: Origin = field(default_factory=Origin)
-    scenario: dict[str, Any] = field(default_factory=dict)
-    """The resolved scenario, JSON-serialisable."""
+    setup: MissionSetup = field(default_factory=MissionSetup)
+    """What the log keeps of its scenario."""
     truth: xr.Dataset | None = None
     """dims (vehicle, time, axis): `position_m`, `depth_m`, `yaw_rad`, `current_mps`; `time` float64 s."""
     team_key: bytes | None = field(default=None, repr=False, compare=False)
@@ -158,7 +144,7 @@ class MissionLog:
 
         NaNs are equal when their bits are. Truth counts; what the chart is called does not.
         """
-        for name in ("name", "seed", "vehicles", "duration_ns", "link", "origin", "scenario", "payloads"):
+        for name in ("name", "seed", "vehicles", "duration_ns", "link", "origin", "setup", "payloads"):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 return f"{name}: {mine!r} != {theirs!r}" if name != "payloads" else "payloads differ"

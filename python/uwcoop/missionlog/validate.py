@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from uwcoop.acoustics.link import Link
 from uwcoop.errors import LogError
 from uwcoop.missionlog.model import (
     EVENT_COLUMNS,
@@ -20,18 +19,12 @@ from uwcoop.missionlog.model import (
     POLL_COLUMNS,
     RECEPTION_COLUMNS,
     SLOT_COLUMNS,
-    Columns,
-    Link,
     MissionLog,
 )
+from uwcoop.missionlog.table_checks import CheckedTable, seconds_text
 from uwcoop.missionlog.truth import DIMENSIONS, truth_time_ns
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 _LONGEST_NS = (2**31 - 1) * 1_000_000_000  # seconds of a ROS 2 stamp are int32
-_POSITIVE = {"water_depth_m", "range_m"}
-_OPTIONAL = {"range_m", "own_bearing_rad", "peer_bearing_rad"}  # NaN: not measured
 _COVARIANCES = {
     "fix": (("cov_ee_m2", "cov_en_m2"), ("cov_en_m2", "cov_nn_m2")),
     "odometry": (
@@ -40,12 +33,10 @@ _COVARIANCES = {
         ("cov_fy", "cov_ly", "cov_yy"),
     ),
 }
-# Rounding may leave a singular covariance this much below zero, relative to its diagonal.
-_CORRELATION_SLACK = 1e-9
 
 
 def validate(log: MissionLog) -> None:
-    """Refuse a log that a navigator must not be fed from.
+    """Refuse a log that must not be replayed.
 
     Raises:
         LogError: the first thing that is wrong.
@@ -55,87 +46,16 @@ def validate(log: MissionLog) -> None:
     for kind, table in log.events.items():
         if kind not in EVENT_COLUMNS:
             raise LogError(f"event kind {kind!r} is unknown: it must be one of {', '.join(EVENT_COLUMNS)}")
-        _events(_Table(kind, table, log, "t_ns", "vehicle"))
+        _events(CheckedTable(kind, table, log, "t_ns", "vehicle"))
     if log.slots:
-        _slots(_Table("slots", log.slots, log, "tol_ns", "sender"))
+        _slots(CheckedTable("slots", log.slots, log, "tol_ns", "sender"))
     if log.polls:
-        _polls(_Table("polls", log.polls, log, "t_ns", "poller"))
+        _polls(CheckedTable("polls", log.polls, log, "t_ns", "poller"))
     if log.opportunities:
-        _opportunities(_Table("opportunities", log.opportunities, log, "tol_ns", "receiver"))
+        _opportunities(CheckedTable("opportunities", log.opportunities, log, "tol_ns", "receiver"))
     if log.receptions or log.payloads:
-        _receptions(_Table("receptions", log.receptions, log, "t_ns", "receiver"))
+        _receptions(CheckedTable("receptions", log.receptions, log, "t_ns", "receiver"))
     _truth(log)
-
-
-class _Table(NamedTuple):
-    """A table with what a message about one of its rows needs: whose the row is and when."""
-
-    name: str
-    columns: Columns
-    log: MissionLog
-    time: str
-    who: str
-
-    def refuse(self, wrong: NDArray[np.bool_], column: str, bound: str) -> None:
-        """Raise for the first row where `wrong`, (N,), holds."""
-        rows = np.flatnonzero(wrong)
-        if rows.size == 0:
-            return
-        row = int(rows[0])
-        index = int(self.columns[self.who][row])
-        team = self.log.vehicles
-        # The vehicle itself may be what is wrong.
-        whose = f" of vehicle {team[index]!r}" if 0 <= index < len(team) and column != self.who else ""
-        when = f" at t = {_seconds(self.columns[self.time][row])} s" if column != self.time else ""
-        value = self.columns[column][row]
-        shown = f"{_seconds(value)} s" if column.endswith("_ns") else f"{value}"
-        raise LogError(f"{self.name}: {column} {shown}{whose}{when} must be {bound}")
-
-    def check_shape(self, spec: dict[str, str]) -> None:
-        """Columns present, one-dimensional, equally long and of the right kind of number."""
-        if missing := [name for name in spec if name not in self.columns]:
-            raise LogError(f"{self.name}: column {missing[0]!r} is missing")
-        count = len(self.columns[self.time])
-        for name, column in self.columns.items():
-            if name == "draws":
-                continue
-            if name not in spec:
-                raise LogError(f"{self.name}: column {name!r} is unknown")
-            if column.shape != (count,):
-                raise LogError(f"{self.name}: column {name!r} has shape {column.shape}, not ({count},)")
-            if column.dtype != np.dtype(spec[name]):
-                raise LogError(f"{self.name}: column {name!r} is {column.dtype}, not {np.dtype(spec[name])}")
-
-    def check_times(self, tie: str | None) -> None:
-        """Times within the mission and sorted, ties by column `tie`."""
-        times = self.columns[self.time]
-        duration = self.log.duration_ns
-        outside = (times < 0) | (times > duration)
-        self.refuse(outside, self.time, f"within the mission: 0 to {_seconds(duration)} s")
-        step = np.diff(times, prepend=times[:1])
-        before = _seconds(times[max(int(np.argmax(step < 0)) - 1, 0)]) if times.size else ""
-        self.refuse(step < 0, self.time, f"in order: the row before is at {before} s")
-        if tie is not None:
-            rank = self.columns[tie]
-            self.refuse((step == 0) & (np.diff(rank, prepend=rank[:1]) < 0), tie, "in order at equal times")
-
-    def check_index(self, column: str) -> None:
-        """A vehicle index points into the team."""
-        values = self.columns[column]
-        count = len(self.log.vehicles)
-        self.refuse((values < 0) | (values >= count), column, f"an index into the team: 0 to {count - 1}")
-
-    def check_finite(self) -> None:
-        """Every float finite (NaN where a measurement is optional), sigmas not negative, ranges positive."""
-        for name, column in self.columns.items():
-            if column.dtype.kind != "f" or name == "draws":
-                continue
-            bad = ~np.isfinite(column) & ~(np.isnan(column) & (name in _OPTIONAL))
-            self.refuse(bad, name, "finite")
-            if name.startswith("sigma_"):
-                self.refuse(column < 0, name, "at least 0")
-            if name in _POSITIVE:
-                self.refuse(column <= 0, name, "above 0 m")
 
 
 def _team(log: MissionLog) -> None:
@@ -153,7 +73,7 @@ def _team(log: MissionLog) -> None:
             )
     if not 0 < log.duration_ns <= _LONGEST_NS:
         raise LogError(
-            f"duration {_seconds(log.duration_ns)} s must be above 0 s and at most {_seconds(_LONGEST_NS)} s"
+            f"duration {seconds_text(log.duration_ns)} s must be above 0 s and at most {seconds_text(_LONGEST_NS)} s"
         )
     for name, bound in (("latitude_deg", 90.0), ("longitude_deg", 360.0)):
         value = getattr(log.origin, name)
@@ -173,14 +93,14 @@ def _link(link: Link) -> None:
         raise LogError(f"link: sound_speed_mps {speed!r} must be finite and above 0")
 
 
-def _events(table: _Table) -> None:
+def _events(table: CheckedTable) -> None:
     spec = EVENT_COLUMNS[table.name]
     table.check_shape({"t_ns": "i8", "vehicle": "i8", **spec})
     table.check_index("vehicle")
     table.check_times("vehicle")
     table.check_finite()
     if table.name in _COVARIANCES:
-        _covariance(table, _COVARIANCES[table.name])
+        table.check_covariance(_COVARIANCES[table.name])
     if table.name == "acoustic_fix":
         table.check_index("peer")
         table.refuse(table.columns["peer"] == table.columns["vehicle"], "peer", "another vehicle")
@@ -189,31 +109,7 @@ def _events(table: _Table) -> None:
         table.refuse(launch > table.columns["t_ns"], "transmit_ns", "at most the event's own time")
 
 
-def _covariance(table: _Table, names: Sequence[Sequence[str]]) -> None:
-    """Variances not negative, and the matrices positive semidefinite."""
-    size = len(names)
-    for i in range(size):
-        table.refuse(table.columns[names[i][i]] < 0, names[i][i], "at least 0")
-    deviation = np.sqrt(np.stack([table.columns[names[i][i]] for i in range(size)], axis=-1))
-    safe = np.where(deviation > 0, deviation, 1.0)
-    for i in range(size):
-        for j in range(i):
-            known = (deviation[:, i] > 0) & (deviation[:, j] > 0)
-            with np.errstate(over="ignore"):
-                share = np.abs(table.columns[names[j][i]] / safe[:, i] / safe[:, j])
-            allowed = np.where(known, 1 + _CORRELATION_SLACK, 0.0)
-            table.refuse(share > allowed, names[j][i], "at most the product of its two standard deviations")
-    if size == 2 or not len(deviation):
-        return
-    correlation = np.stack(
-        [np.stack([table.columns[c] / safe[:, i] / safe[:, j] for j, c in enumerate(row)], axis=-1)
-         for i, row in enumerate(names)], axis=-2,
-    )  # fmt: skip
-    lowest = np.linalg.eigvalsh(correlation)[:, 0]
-    table.refuse(lowest < -_CORRELATION_SLACK, names[0][0], "part of a positive semidefinite covariance")
-
-
-def _slots(table: _Table) -> None:
+def _slots(table: CheckedTable) -> None:
     table.check_shape(SLOT_COLUMNS)
     table.check_index("sender")
     table.check_times("sender")
@@ -222,7 +118,7 @@ def _slots(table: _Table) -> None:
     table.refuse(np.append(False, same), "tol_ns", "the only slot of its sender at that time")
 
 
-def _polls(table: _Table) -> None:
+def _polls(table: CheckedTable) -> None:
     columns = table.columns
     table.check_shape(POLL_COLUMNS)
     for name in ("poller", "sender"):
@@ -242,7 +138,7 @@ def _polls(table: _Table) -> None:
     table.refuse(again, "tol_ns", "of a slot that is polled once")
 
 
-def _opportunities(table: _Table) -> None:
+def _opportunities(table: CheckedTable) -> None:
     columns = table.columns
     table.check_shape(OPPORTUNITY_COLUMNS)
     for name in ("sender", "receiver"):
@@ -269,7 +165,7 @@ def _opportunities(table: _Table) -> None:
         table.refuse(again, "toa_ns", "the only arrival of its slot at that receiver")
 
 
-def _draws(table: _Table) -> None:
+def _draws(table: CheckedTable) -> None:
     """One uniform draw for each frame that the modem can send."""
     expected = (len(table.columns["tol_ns"]), table.log.link.max_frames)
     draws = table.columns.get("draws")
@@ -283,11 +179,11 @@ def _draws(table: _Table) -> None:
     outside = np.argwhere(~((draws >= 0) & (draws < 1)))
     if outside.size:
         row, frame = (int(i) for i in outside[0])
-        when = _seconds(table.columns["tol_ns"][row])
+        when = seconds_text(table.columns["tol_ns"][row])
         raise LogError(f"opportunities: draw {draws[row, frame]} at t = {when} s must be in [0, 1)")
 
 
-def _receptions(table: _Table) -> None:
+def _receptions(table: CheckedTable) -> None:
     columns = table.columns
     if not columns:
         raise LogError(f"receptions: {len(table.log.payloads)} payloads have no rows")
@@ -334,7 +230,7 @@ def _truth(log: MissionLog) -> None:
         raise LogError("truth: times must be finite float64 seconds")
     outside = seconds[(seconds < 0) | (seconds * 1e9 > _LONGEST_NS)]
     if outside.size:
-        raise LogError(f"truth: time {outside[0]} s must be within 0 to {_seconds(_LONGEST_NS)} s")
+        raise LogError(f"truth: time {outside[0]} s must be within 0 to {seconds_text(_LONGEST_NS)} s")
     if np.any(np.diff(truth_time_ns(log.truth)) <= 0):
         raise LogError("truth: times must increase")
     for name in sorted(names):
@@ -345,10 +241,3 @@ def _truth(log: MissionLog) -> None:
             )
         if np.isinf(variable.to_numpy()).any():
             raise LogError(f"truth: {name} holds an infinite value: it must be finite, or NaN where unknown")
-
-
-def _seconds(t_ns: Any) -> str:
-    """Nanoseconds as seconds, exact and without needless zeros."""
-    whole, rest = divmod(abs(int(t_ns)), 1_000_000_000)
-    fraction = f".{rest:09d}".rstrip("0") if rest else ""
-    return f"{'-' if int(t_ns) < 0 else ''}{whole}{fraction}"

@@ -1,9 +1,10 @@
 """Navigators: the packaged ones by name, their options, and the protocol for one's own in Python."""
 
+from uwcoop._native import Navigator
 from uwcoop.navigators.options import DRIFT_PRESETS, DeadReckoningOptions, DmpfOptions, MpfOptions
 from uwcoop.navigators.origin import DeifOptions, DeifRedundantOptions, MdeifOptions, OriginOptions
 from uwcoop.navigators.protocol import Context, Custom, PythonEstimate, PythonNavigator
-from uwcoop.navigators.registry import NAVIGATORS, Spec, build, not_realisable, options_of
+from uwcoop.navigators.registry import NAVIGATORS, Spec, build, build_central, not_realisable, options_of
 from uwcoop.navigators.team import TeamOptions
 
 __all__ = [
@@ -17,12 +18,14 @@ __all__ = [
     "DmpfOptions",
     "MdeifOptions",
     "MpfOptions",
+    "Navigator",
     "OriginOptions",
     "PythonEstimate",
     "PythonNavigator",
     "Spec",
     "TeamOptions",
     "build",
+    "build_central",
     "not_realisable",
     "options_of",
 ]

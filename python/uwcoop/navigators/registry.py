@@ -28,11 +28,13 @@ from uwcoop.navigators.origin import (
 )
 from uwcoop.navigators.protocol import Context
 from uwcoop.navigators.team import TeamOptions, team
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
-    from uwcoop._native import Navigator, CentralEstimator
+    from uwcoop._native import CentralEstimator, Navigator
+    from uwcoop.scenario.acoustics import Acoustics
 
-__all__ = ["NAVIGATORS", "Options", "Spec", "build", "not_realisable", "options_of"]
+__all__ = ["NAVIGATORS", "Options", "Spec", "build", "build_central", "not_realisable", "options_of"]
 
 
 Options: TypeAlias = DriftOptions | OriginOptions | ExchangeOptions
@@ -54,7 +56,7 @@ class Spec:
     central: bool = False
     """Made once for the whole team (with the first vehicle's context): a `CentralEstimator`."""
     realisable: bool = True
-    """False: it is told what no vehicle can know, e.g. which of its packets arrived."""
+    """False: it uses information that no vehicle has, e.g. which of its packets arrived."""
 
 
 def _dead_reckoning(context: Context, options: Mapping[str, Any], _chart: _native.Chart | None) -> Navigator:
@@ -136,7 +138,7 @@ NAVIGATORS: dict[str, Spec] = {
         realisable=False,
     ),
     "deif": Spec(
-        "Delta information from launch to launch, told what arrives (Walls & Eustice 2012, section 3). One-way only.",
+        "Delta information between launches, with a delivery oracle (Walls & Eustice 2012, section 3). One-way only.",
         origin.DeifOptions,
         {},
         origin.deif,
@@ -144,7 +146,7 @@ NAVIGATORS: dict[str, Spec] = {
         realisable=False,
     ),
     "deif-redundant": Spec(
-        "deif that repeats its last deltas in each packet instead of being told. One-way only.",
+        "deif that repeats its last deltas in each packet in place of the oracle. One-way only.",
         origin.DeifRedundantOptions,
         {},
         origin.deif_redundant,
@@ -199,18 +201,22 @@ for _name, (_summary, _model, _fixed, _make) in LANDMARK_NAVIGATORS.items():
     NAVIGATORS[_name] = Spec(_summary, _model, _fixed, _make, listed_only=True)
 
 
-def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
+def options_of(name: str, setup: MissionSetup | None = None) -> Options:
     """Options of a packaged navigator: defaults, then `[navigator.all]`, then `[navigator.NAME]`.
+
+    Args:
+        name: of `NAVIGATORS`.
+        setup: of a mission, whose tables are read; None: the defaults alone.
 
     Raises:
         NavigatorError: an unknown navigator or option, or a value outside its bound; one line.
     """
     model = _spec(name).options
-    tables = (scenario or {}).get("navigator", {})
-    unknown = sorted(set(tables) - set(NAVIGATORS) - {"all"})
+    setup = MissionSetup() if setup is None else setup
+    common = setup.navigator.common
+    unknown = sorted(set(setup.navigator.own) - set(NAVIGATORS))
     if unknown:
         raise NavigatorError(f"navigator.{unknown[0]}: no such navigator{_nearest(unknown[0], NAVIGATORS)}")
-    common = tables.get("all", {})
     every = {field for spec in NAVIGATORS.values() for field in spec.options.model_fields}
     for option in common:
         if option not in every:
@@ -220,20 +226,18 @@ def options_of(name: str, scenario: Mapping[str, Any] | None = None) -> Options:
     fixed = _spec(name).fixed
     # What makes a navigator what its name says is not for `all` to change.
     own = {key: value for key, value in common.items() if key in model.model_fields and key not in fixed}
-    own |= tables.get(name, {})
-    diagnostics = (scenario or {}).get("diagnostics", {})
-    if diagnostics.get("entropy") == "at_reception" and "entropy_sigma_m" in model.model_fields:
-        own.setdefault("entropy_sigma_m", diagnostics["entropy_sigma_m"])
-    packet = (scenario or {}).get("acoustics", {}).get("packet")
-    if packet is not None and "packet_form" in model.model_fields:
-        own.setdefault("packet_form", packet)
+    own |= setup.navigator.own.get(name, {})
+    if setup.diagnostics.entropy == "at_reception" and "entropy_sigma_m" in model.model_fields:
+        own.setdefault("entropy_sigma_m", setup.diagnostics.entropy_sigma_m)
+    if setup.acoustics is not None and "packet_form" in model.model_fields:
+        own.setdefault("packet_form", setup.acoustics.packet)
     # A packet that is laid out for its frame keeps the tag's room.
-    tags = (scenario or {}).get("acoustics", {}).get("authentication", {}).get("tag_bytes", 0)
+    tags = setup.authentication.tag_bytes
     if tags and "tag_bytes" in model.model_fields:
         own.setdefault("tag_bytes", tags)
     full = tags and "exact_lags" in model.model_fields and own.get("packet_form") == "32"
     # The exact lag fills its frame: where the slot has no more, it makes way for the tag.
-    if full and not _slot_holds(scenario or {}, 32 - CHECKSUM_BYTES + tags):
+    if full and setup.acoustics and not _slot_holds(setup.acoustics, 32 - CHECKSUM_BYTES + tags):
         own.setdefault("exact_lags", 0)
     for option, value in fixed.items():
         if own.get(option, value) != value:
@@ -250,12 +254,10 @@ CHECKSUM_BYTES = 2
 """What a tag replaces."""
 
 
-def _slot_holds(scenario: Mapping[str, Any], packet_bytes: int) -> bool:
+def _slot_holds(plan: Acoustics, packet_bytes: int) -> bool:
     from uwcoop import acoustics
     from uwcoop.errors import ScheduleError
-    from uwcoop.scenario.acoustics import Acoustics
 
-    plan = Acoustics.model_validate(scenario["acoustics"])
     try:
         acoustics.check_packet(plan, packet_bytes)
     except ScheduleError:
@@ -263,17 +265,49 @@ def _slot_holds(scenario: Mapping[str, Any], packet_bytes: int) -> bool:
     return True
 
 
-def build(
+def build(name: str, context: Context, options: Options, chart: _native.Chart | None) -> Navigator:
+    """One vehicle's packaged navigator.
+
+    Args:
+        name: of `NAVIGATORS`; not a centralised one, which `build_central` makes.
+        context: what the vehicle carries.
+        options: as `options_of` gives them.
+        chart: `native_chart(context.chart)`, shared by the team; None: no chart on board.
+
+    Raises:
+        NavigatorError: an unknown name, a centralised estimator, or an option outside its bound.
+    """
+    made = _made(name, context, options, chart)
+    if not isinstance(made, _native.Navigator):
+        raise NavigatorError(
+            f"navigator {name!r} is one estimator for the whole team: build_central makes it, not build"
+        )
+    return made
+
+
+def build_central(
+    name: str, context: Context, options: Options, chart: _native.Chart | None
+) -> CentralEstimator:
+    """A centralised estimator: one for the whole team, made with the first vehicle's context. As `build`.
+
+    Raises:
+        NavigatorError: an unknown name, a navigator of one vehicle, or an option outside its bound.
+    """
+    made = _made(name, context, options, chart)
+    if isinstance(made, _native.Navigator):
+        raise NavigatorError(f"navigator {name!r} is of one vehicle: build makes it, not build_central")
+    return made
+
+
+def _made(
     name: str, context: Context, options: Options, chart: _native.Chart | None
 ) -> Navigator | CentralEstimator:
-    """A packaged navigator for one vehicle, or a centralised one for all; `chart` is `native_chart(context.chart)`,
-    shared by the team."""
     length = 0.0 if context.chart is None else context.chart.correlation_length_m
     return _spec(name).make(context, options.native(length), chart)
 
 
 def not_realisable(names: Iterable[str]) -> set[str]:
-    """Those of the names that are packaged navigators which are told what no vehicle can know."""
+    """Those of the names that are packaged navigators which use information that no vehicle has."""
     return {name for name in names if name in NAVIGATORS and not NAVIGATORS[name].realisable}
 
 

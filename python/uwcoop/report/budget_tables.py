@@ -11,7 +11,8 @@ from rich.table import Table
 from uwcoop.report.input_tables import budget_table
 
 if TYPE_CHECKING:
-    from uwcoop.experiment.packet_budget import Budget, Field, Positioning
+    from uwcoop.experiment.packet_budget import Budget, Positioning
+    from uwcoop.experiment.packet_contents import Field
 
 __all__ = ["budget_report"]
 

@@ -22,8 +22,8 @@ def summary_table(
 ) -> Table:
     """A run's `summary.json`: one block per navigator, one line in it per vehicle; 80 columns wide.
 
-    Columns that apply to nobody are left out. `not_realisable` names the navigators that were told what no
-    vehicle could know; they are marked.
+    Columns without any value are left out. `not_realisable` names the navigators that use information which no
+    vehicle has; they are marked.
     """
     navigators = summary["navigators"]
     vehicles = [values for navigator in navigators.values() for values in navigator["vehicles"].values()]
@@ -34,22 +34,22 @@ def summary_table(
         + (" (n): infinite or undefined at n instants." if undefined else "")
         + " Instants of one run are correlated: judge consistency over many runs.",
     )
-    columns = _applicable(_RUN_COLUMNS, vehicles)
+    columns = _applicable({key: m.column for key, m in metrics.METRICS.items()}, vehicles)
     names = {name: _navigator_cell(name, navigator, not_realisable) for name, navigator in navigators.items()}
     table.add_column("navigator\npacket mean / max\nrun time, × real", min_width=_width(names.values()))
     lines = [Text(vehicle) for navigator in navigators.values() for vehicle in navigator["vehicles"]]
     table.add_column("vehicle", no_wrap=True, min_width=_width([Text("vehicle"), *lines]))
     blocks = {
         name: [
-            [_cell(key, values, form) for values in navigator["vehicles"].values()]
-            for key, _, form in columns
+            [_cell(key, values, column) for values in navigator["vehicles"].values()]
+            for key, column in columns.items()
         ]
         for name, navigator in navigators.items()
     }
-    for k, (_, heading, _) in enumerate(columns):
-        _number_column(table, heading, [cell for block in blocks.values() for cell in block[k]])
+    for k, column in enumerate(columns.values()):
+        _number_column(table, column.heading, [cell for block in blocks.values() for cell in block[k]])
     for name, navigator in navigators.items():
-        cells = [Text("\n").join(column) for column in blocks[name]]
+        cells = [Text("\n").join(lines_of_column) for lines_of_column in blocks[name]]
         table.add_row(names[name], "\n".join(navigator["vehicles"]), *cells, end_section=True)
     return table
 
@@ -63,7 +63,7 @@ def study_table(
 ) -> Group:
     """A study's `summary.json`: a table for each variant, all of one layout, one row per navigator.
 
-    Columns that apply to nobody are left out. With the number of `vehicles` the caption gives the interval in
+    Columns without any value are left out. With the number of `vehicles` the caption gives the interval in
     which the NEES of a consistent navigator, averaged over runs and vehicles at one instant, lies 95 % of the
     time.
     """
@@ -77,7 +77,7 @@ def study_table(
     )
     variants = summary["variants"]
     every = [values for variant in variants for values in variant["navigators"].values()]
-    columns = _applicable(_STUDY_COLUMNS, every)
+    columns = _applicable({entry.key: entry.column for entry in metrics.pooled_metrics()}, every)
     names = [_name(name, not_realisable) for variant in variants for name in variant["navigators"]]
     runs = f"{summary['scenario']}, {summary['runs']} run{'s' if summary['runs'] != 1 else ''}"
     tables = []
@@ -86,10 +86,10 @@ def study_table(
         last = variant is variants[-1]
         table = _table(f"{runs}: {settings}" if settings else runs, caption if last else None)
         table.add_column("navigator", min_width=_width([Text("navigator"), *names]))
-        for key, heading, form in columns:
-            _number_column(table, heading, [_cell(key, values, form) for values in every])
+        for key, column in columns.items():
+            _number_column(table, column.heading, [_cell(key, values, column) for values in every])
         for name, values in variant["navigators"].items():
-            cells = (_cell(key, values, form) for key, _, form in columns)
+            cells = (_cell(key, values, column) for key, column in columns.items())
             table.add_row(_name(name, not_realisable), *cells)
         tables.append(table)
     return Group(*tables)
@@ -100,41 +100,6 @@ _ANEES_CAPTION = (
     f"▽ below {CONSERVATIVE_ANEES:g} conservative."
 )
 
-_ALWAYS = {"rmse_m", "final_error_m", "anees", "median_final_error_m", "lost_share"}
-
-_Columns = tuple[tuple[str, str, str], ...]
-
-_THREE_DIGITS = "three digits"
-"""A form of three significant digits, none dropped before the point: the tables have many columns."""
-
-_RUN_COLUMNS: _Columns = (
-    ("rmse_m", "RMSE\n(m)", _THREE_DIGITS),
-    ("median_error_m", "median\n(m)", _THREE_DIGITS),
-    ("p95_error_m", "95 %\n(m)", _THREE_DIGITS),
-    ("final_error_m", "final\n(m)", _THREE_DIGITS),
-    ("anees", "ANEES\n(2)", _THREE_DIGITS),
-    ("state_anees_per_dof", "state\nANEES\n/dof (1)", _THREE_DIGITS),
-    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", _THREE_DIGITS),
-    ("rmse_over_bound", "RMSE\n/\nbound", _THREE_DIGITS),
-    ("rmse_over_linearised_bound", "/ lin.\nbound", _THREE_DIGITS),
-    ("rejected", "re-\njected", "{:.0f}"),
-)
-
-_STUDY_COLUMNS: _Columns = (
-    ("median_final_error_m", "final\nmedian\n(m)", _THREE_DIGITS),
-    ("p95_final_error_m", "final\n95 %\n(m)", _THREE_DIGITS),
-    ("median_rmse_m", "RMSE\nmedian\n(m)", _THREE_DIGITS),
-    ("anees", "ANEES\nmean\n(2)", _THREE_DIGITS),
-    ("anees_median", "ANEES\nmedian\n(2)", _THREE_DIGITS),
-    ("state_anees_per_dof", "state\nANEES\n/dof (1)", _THREE_DIGITS),
-    ("lost_share", "lost\n\n(%)", "{:.0%}"),
-    ("rmse_over_bound", "RMSE\n/\nbound", _THREE_DIGITS),
-    ("rmse_over_linearised_bound", "/ lin.\nbound", _THREE_DIGITS),
-    ("yaw_rmse_deg", "yaw\nRMSE\n(°)", _THREE_DIGITS),
-    ("packet_bytes_max", "sent\nmax\n(B)", "{:.0f}"),
-    ("seconds", "run\ntime\n(s)", _THREE_DIGITS),
-)
-
 
 def _table(title: str, caption: str | None) -> Table:
     return Table(
@@ -143,8 +108,14 @@ def _table(title: str, caption: str | None) -> Table:
     )  # fmt: skip
 
 
-def _applicable(columns: _Columns, values: list[Mapping[str, Any]]) -> _Columns:
-    return tuple(c for c in columns if c[0] in _ALWAYS or any(v.get(c[0]) is not None for v in values))
+def _applicable(
+    columns: Mapping[str, metrics.Column | None], values: list[Mapping[str, Any]]
+) -> dict[str, metrics.Column]:
+    return {
+        key: column
+        for key, column in columns.items()
+        if column is not None and (column.always or any(v.get(key) is not None for v in values))
+    }
 
 
 def _number_column(table: Table, heading: str, cells: list[Text]) -> None:
@@ -176,13 +147,13 @@ def _navigator_cell(name: str, navigator: Mapping[str, Any], not_realisable: Col
     return text.append(f"\n{sent}\n{navigator['seconds']:.2f} s{fast}", style="not bold dim")
 
 
-def _cell(key: str, values: Mapping[str, Any], form: str) -> Text:
+def _cell(key: str, values: Mapping[str, Any], column: metrics.Column) -> Text:
     value = values.get(key)
-    text = _number(value, form)
+    text = _number(value, column.form)
     undefined = values.get("nees_not_finite") if key == "anees" else None
     if undefined:
         return Text(f"▲ {text} ({undefined})", style="bold red")
-    if key in ("anees", "anees_median") and value is not None:
+    if column.marks_consistency and value is not None:
         if value > OVERCONFIDENT_ANEES:
             return Text(f"▲ {text}", style="bold red")
         if value < CONSERVATIVE_ANEES:
@@ -195,6 +166,6 @@ def _number(value: float | None, form: str) -> str:
         return "–"
     if abs(value) >= 1e5:
         return f"{value:.0e}"
-    if form == _THREE_DIGITS:
+    if form == "three digits":
         return f"{value:.{0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2}f}"
-    return form.format(value).rstrip("%")
+    return f"{value:.0f}" if form == "whole" else f"{value:.0%}".rstrip("%")

@@ -88,13 +88,13 @@ def resolved_scenario(result: RunResult) -> dict[str, Any]:
     from uwcoop.navigators import NAVIGATORS, options_of
 
     took_part = [str(name) for name in result.tracks["navigator"].values]
+    setup = result.log.setup
     options = {
-        name: options_of(name, result.log.scenario).model_dump(exclude_none=True)
+        name: options_of(name, setup).model_dump(exclude_none=True)
         for name in took_part
         if name in NAVIGATORS
     }
-    scenario = result.log.scenario
-    return {**scenario, "seed": result.log.seed, "navigator": {**scenario.get("navigator", {}), **options}}
+    return setup.resolved(result.log.seed, options)
 
 
 def write_study_figures(result: StudyResult, folder: Path, note: Callable[[str], None]) -> list[str]:
@@ -213,9 +213,9 @@ def _write_reconstruction(result: RunResult, path: Path) -> None:
     from uwcoop.experiment.particles_at_fixes import around_fixes
     from uwcoop.figures.landmark_fixes import reconstruction_figure
 
-    told = result.tracks.get("reconstructions")
+    count = result.tracks.get("reconstructions")
     counted = (
-        [] if told is None else [n for n in told["navigator"].values if (told.sel(navigator=n) > 0).any()]
+        [] if count is None else [n for n in count["navigator"].values if (count.sel(navigator=n) > 0).any()]
     )
     if not counted:
         raise TracksError("no navigator reconstructs particles in this mission")

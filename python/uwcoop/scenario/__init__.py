@@ -8,10 +8,14 @@ from uwcoop.scenario.loading import (
     load,
     packaged,
     parse,
+    split_overrides,
+    table_of,
 )
 from uwcoop.scenario.models import Scenario
+from uwcoop.scenario.setup import MissionSetup
 
 __all__ = [
+    "MissionSetup",
     "Scenario",
     "alternatives",
     "apply_overrides",
@@ -20,4 +24,6 @@ __all__ = [
     "load",
     "packaged",
     "parse",
+    "split_overrides",
+    "table_of",
 ]

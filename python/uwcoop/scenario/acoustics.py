@@ -45,7 +45,7 @@ class TwoWay(Table):
     """What a poll costs. Used when ranging is "two-way"."""
 
     poll_bytes: Annotated[int, Field(ge=1, le=64)] = 2
-    """A short signal of its own: who asks whom."""
+    """A short signal of its own: the poller and the vehicle polled."""
     turnaround_s: NonNegative = 0.1
     """From the end of a poll to the earliest launch of the reply."""
 

@@ -104,6 +104,26 @@ def apply_settings(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dic
     return changed
 
 
+def split_overrides(overrides: Iterable[str], table: str) -> tuple[list[str], list[str]]:
+    """The overrides of one top-level table, and the others, both in their order."""
+    own: list[str] = []
+    others: list[str] = []
+    for override in overrides:
+        first, dot, _ = override.partition("=")[0].partition(".")
+        (own if dot and first.strip() == table else others).append(override)
+    return own, others
+
+
+def table_of(overrides: Iterable[str], table: str) -> dict[str, Any]:
+    """One top-level table with the keys that overrides set, and no others.
+
+    Raises:
+        ScenarioError: an override that is malformed.
+    """
+    found: dict[str, Any] = apply_overrides({table: {}}, overrides)[table]
+    return found
+
+
 def chart_spec(table: Mapping[str, Any], overrides: Iterable[str] = ()) -> ChartSpec:
     """A `[chart]` table alone, with overrides "chart.key=value".
 
@@ -132,8 +152,8 @@ def alternatives(override: str) -> tuple[str, list[Any]]:
         values = list(parsed["value"])
     else:
         values = [_value(part.strip(), override) for part in text.split(",")]
-    said = [json.dumps(value, default=str) for value in values]
-    if not values or len(set(said)) < len(said):
+    texts = [json.dumps(value, default=str) for value in values]
+    if not values or len(set(texts)) < len(texts):
         raise ScenarioError(f"{override!r}: needs one value or more, no two the same")
     return dotted, values
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
@@ -13,6 +14,9 @@ from uwcoop.scenario.landmark import Deployment, Exchange, Hover, Kidnap, Mutual
 from uwcoop.scenario.sensors import Sensors
 from uwcoop.scenario.vehicle import Drift, Fleet, Lawnmower, Vehicle, Waypoints
 from uwcoop.scenario.world import Current, NoCurrent, Tide, Waves
+
+_NOT_OF_THE_WORLD = ("navigator", "navigators", "metrics")
+"""Keys of a scenario that change how a mission is replayed and judged, not the mission."""
 
 
 class Metrics(Table):
@@ -110,6 +114,12 @@ class Scenario(Table):
                     given["sensors"] = vehicle.sensors.model_dump(mode="json", exclude_none=True, include=own)
             dump["vehicles"] = team
         return dump
+
+    def world_text(self) -> str:
+        """The resolved keys that the simulated world depends on, as JSON: scenarios with the same text fly the same
+        missions."""
+        resolved = self.resolved()
+        return json.dumps({key: value for key, value in resolved.items() if key not in _NOT_OF_THE_WORLD})
 
     @field_validator("duration_s")
     @classmethod

@@ -39,7 +39,8 @@ def one_line(error: ValidationError, data: Any, where: str) -> str:
     """
     details = error.errors(include_url=False)
     rest = f" (and {len(details) - 1} more)" if len(details) > 1 else ""
-    return f"{where}: {_sentence(details[0], data)}{rest}"
+    # A key may hold anything that a text can, line ends included.
+    return " ".join(f"{where}: {_sentence(details[0], data)}{rest}".split())
 
 
 def _sentence(detail: ErrorDetails, data: Any) -> str:

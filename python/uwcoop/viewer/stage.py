@@ -148,7 +148,7 @@ def _yaw(truth: Floats, time_s: Floats, log: MissionLog) -> Floats:
 
 
 def _depth(time_s: Floats, log: MissionLog, vehicles: int) -> Floats:
-    """True depth of each vehicle, else what its depth sensor said, else the surface."""
+    """True depth of each vehicle, else what its depth sensor measured, else the surface."""
     if log.truth is not None and "depth_m" in log.truth:
         known = np.asarray(log.truth["depth_m"].values, dtype=np.float64)
         times = log.truth["time"].values

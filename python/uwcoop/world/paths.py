@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 SAMPLE_M = 4.0
 """Distance at which a random path is checked against the chart."""
 ATTEMPTS = 3000
-"""Random paths tried before a chart is said to have no room for one."""
+"""Random paths tried before a chart is refused as too small for one."""
 SHARP_COSINE = -0.5
 """Turns beyond 120 degrees are driven to the corner itself, not cut."""
 

@@ -15,6 +15,7 @@ from uwcoop.errors import ChartError, ScenarioError
 from uwcoop.frames import LocalFrame, Origin
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world import sensors
 from uwcoop.world.random_streams import TEAM, Purpose, stream
 from uwcoop.world.vehicles import team_motion
@@ -74,7 +75,7 @@ def simulate(
         polls=acoustics.polls(scenario.acoustics, flown.slots, flown.motion, seed, names),
         chart=chart,
         origin=_origin(scenario) if chart is None else chart.origin,
-        scenario=scenario.resolved(),
+        setup=MissionSetup.of(scenario),
         truth=_truth(names, flown.motion),
         team_key=scenario.acoustics.authentication.key,
     )
@@ -82,7 +83,7 @@ def simulate(
 
 @dataclass(frozen=True)
 class _Flown:
-    """A mission's course: where everyone was, and when who could talk to whom."""
+    """A mission's course: every vehicle's motion, the slots, and which signals could arrive."""
 
     motion: Sequence[Motion]
     slots: Columns

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
@@ -17,7 +17,7 @@ from uwcoop.errors import LogError, ScenarioError
 from uwcoop.importers.datasets.plaza import read_plaza
 from uwcoop.importers.datasets.pyfg import heard_on_the_way, read_pyfg
 from uwcoop.importers.datasets.recording import Options, PlazaOptions, PyfgOptions, mission_of
-from uwcoop.scenario.loading import apply_overrides
+from uwcoop.scenario.loading import table_of
 from uwcoop.scenario.validation_message import one_line
 
 if TYPE_CHECKING:
@@ -42,12 +42,12 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
         MissingDependencyError: `.mat` without scipy.
     """
     path = Path(path)
-    table: dict[str, Any] = apply_overrides({"recording": {}}, overrides)
+    table = table_of(overrides, "recording")
     model, read = (PyfgOptions, read_pyfg) if path.suffix == ".pyfg" else (PlazaOptions, read_plaza)
     try:
-        options: Options = model.model_validate(table["recording"])
+        options: Options = model.model_validate(table)
     except ValidationError as error:
-        raise ScenarioError(one_line(error, table["recording"], "recording")) from None
+        raise ScenarioError(one_line(error, table, "recording")) from None
     if not path.is_file():
         raise LogError(f"recording {path} cannot be read: there is no such file")
     found = read(path)

@@ -1,18 +1,14 @@
 """UTIAS MRCLAM (Leung et al. 2011): wheeled robots that measure range and bearing of each other -> `MissionLog`.
 
-One robot is the landmark while its odometry says that it stood still; the others move by theirs. What the mover's
-camera sees of the landmark is a range and an own bearing; what the landmark's sees of the mover is a range and the
-peer's bearing. The data set measures whenever it can: here a schedule thins the measurements out, and losses are
-drawn. The landmark's pose at the start is the frame. No role is exchanged: there is no time at which one robot
-stops while another has just stood still.
+One robot is the landmark while its odometry shows that it stands still; the others move by theirs. The mover's camera
+measures the range and the own bearing of the landmark; the landmark's camera measures the range and the peer's bearing.
+The recordings hold all sightings: a schedule thins them out here, and losses are drawn. The landmark's pose at the
+start is the frame. No role is exchanged: no robot stops while another has just stood still.
 """
 
 from __future__ import annotations
 
-import gzip
 import math
-from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,12 +16,15 @@ import numpy as np
 import xarray as xr
 from pydantic import Field, ValidationError
 
+from uwcoop.acoustics.link import Link
 from uwcoop.acoustics.modem import MODEMS
 from uwcoop.errors import LogError
 from uwcoop.evaluation.pose_tracks import true_yaw_rad
 from uwcoop.frames import turned, wrap_angle
-from uwcoop.missionlog.model import Columns, Link, MissionLog, event_columns
+from uwcoop.importers.datasets.mrclam_files import Robot, read_data_set
+from uwcoop.missionlog.model import Columns, MissionLog, event_columns
 from uwcoop.scenario.base import NonNegative, Positive, Probability, Table
+from uwcoop.scenario.setup import MissionSetup
 from uwcoop.scenario.validation_message import one_line
 from uwcoop.world.random_streams import Purpose, stream
 
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
 
 RATE_HZ = 5
 """Of the log's odometry and truth."""
-BARCODES = "Barcodes.dat"
 ROOM_M = 15.0
 """Where a range that is an outlier may lie: the arena's size."""
 STILL = (1e-9, 1e-9)
@@ -73,21 +71,6 @@ class MrclamOptions(Table):
     """Errors count from here on."""
 
 
-@dataclass(frozen=True)
-class _Robot:
-    odometry: Array
-    """(N, 3) time s, forward m/s, yaw rate rad/s; each holds until the next."""
-    measured: Array
-    """(N, 4) time s, barcode, range m, bearing rad."""
-    truth: Array
-    """(N, 4) time s, x m, y m, yaw rad."""
-
-
-def is_mrclam(path: str | Path) -> bool:
-    """Whether this is the folder of an MRCLAM data set."""
-    return any((Path(path) / name).is_file() for name in (BARCODES, f"{BARCODES}.gz"))
-
-
 def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog:
     """A mission of one robot that stands still and others that move.
 
@@ -102,30 +85,30 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
     """
     path = Path(folder)
     try:
-        told = MrclamOptions(**options)
+        chosen = MrclamOptions(**options)
     except ValidationError as error:
         raise LogError(one_line(error, options, "mrclam")) from None
-    robots, barcode_of = _data_set(path)
-    if told.landmark not in robots:
-        raise LogError(f"mrclam {path}: has no robot {told.landmark}")
-    landmark = robots[told.landmark]
-    start_s, end_s = _span(landmark, told, f"mrclam {path}")
+    robots, barcode_of = read_data_set(path)
+    if chosen.landmark not in robots:
+        raise LogError(f"mrclam {path}: has no robot {chosen.landmark}")
+    landmark = robots[chosen.landmark]
+    start_s, end_s = _span(landmark, chosen, f"mrclam {path}")
     seen = {
-        r: _sightings(robots, barcode_of, told.landmark, r, (start_s, end_s))
+        r: _sightings(robots, barcode_of, chosen.landmark, r, (start_s, end_s))
         for r in robots
-        if r != told.landmark
+        if r != chosen.landmark
     }
-    movers = told.movers or tuple(r for r, (own, peer) in seen.items() if len(own) + len(peer))
+    movers = chosen.movers or tuple(r for r, (own, peer) in seen.items() if len(own) + len(peer))
     for mover in movers:
         if mover not in seen:
             raise LogError(f"mrclam {path}: robot {mover} is the landmark or missing: it cannot be a mover")
     if not movers:
         raise LogError(
-            f"mrclam {path}: robot {told.landmark} and the others do not see each other in this time"
+            f"mrclam {path}: robot {chosen.landmark} and the others do not see each other in this time"
         )
     times_s = start_s + np.arange(math.floor((end_s - start_s) * RATE_HZ) + 1) / RATE_HZ
     frame = _pose(landmark, np.array([start_s]))[0]
-    team = (told.landmark, *movers)
+    team = (chosen.landmark, *movers)
     poses = np.stack([_in_frame(frame, _pose(robots[r], times_s)) for r in team])
     poses[0] = 0.0  # it stands, also where its recording of the truth ends before it does
     return MissionLog(
@@ -134,13 +117,13 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
         vehicles=tuple(f"R{r}" for r in team),
         duration_ns=(len(times_s) - 1) * 1_000_000_000 // RATE_HZ,
         link=_link(),
-        events=_events(told, seed, [robots[r] for r in team], [seen[r] for r in movers], times_s, poses),
-        scenario=_scenario(told),
+        events=_events(chosen, seed, [robots[r] for r in team], [seen[r] for r in movers], times_s, poses),
+        setup=_setup(chosen),
         truth=_truth([f"R{r}" for r in team], poses),
     )
 
 
-def _span(landmark: _Robot, told: MrclamOptions, where: str) -> tuple[float, float]:
+def _span(landmark: Robot, options: MrclamOptions, where: str) -> tuple[float, float]:
     """When the mission begins and ends, in the data set's time."""
     table = landmark.odometry
     first, last = float(table[0, 0]), float(table[-1, 0])
@@ -149,18 +132,18 @@ def _span(landmark: _Robot, told: MrclamOptions, where: str) -> tuple[float, flo
     begins = table[edges[::2], 0]
     ends = table[np.minimum(edges[1::2], len(table) - 1), 0]
     if not begins.size:
-        raise LogError(f"{where}: robot {told.landmark} never stands still: it cannot be the landmark")
-    if told.start_s is None:
+        raise LogError(f"{where}: robot {options.landmark} never stands still: it cannot be the landmark")
+    if options.start_s is None:
         k = int(np.argmax(ends - begins))
         start_s = float(begins[k])
     else:
-        start_s = first + told.start_s
+        start_s = first + options.start_s
         k = int(np.searchsorted(begins, start_s, side="right")) - 1
     stands_until = float(ends[k]) if k >= 0 and begins[k] <= start_s <= ends[k] else start_s
-    end_s = stands_until if told.duration_s is None else start_s + told.duration_s
+    end_s = stands_until if options.duration_s is None else start_s + options.duration_s
     if end_s > stands_until or end_s > last or end_s - start_s < 1:
         raise LogError(
-            f"{where}: robot {told.landmark} stands still from {start_s - first:.1f} s to "
+            f"{where}: robot {options.landmark} stands still from {start_s - first:.1f} s to "
             f"{stands_until - first:.1f} s, the mission would last until {end_s - first:.1f} s: "
             "must be within, and a second at least"
         )
@@ -168,7 +151,7 @@ def _span(landmark: _Robot, told: MrclamOptions, where: str) -> tuple[float, flo
 
 
 def _sightings(
-    robots: dict[int, _Robot],
+    robots: dict[int, Robot],
     barcode_of: dict[int, int],
     landmark: int,
     mover: int,
@@ -185,7 +168,7 @@ def _sightings(
 
 
 def _fixes(
-    told: MrclamOptions, sightings: tuple[Array, Array], start_s: float, rng: np.random.Generator
+    options: MrclamOptions, sightings: tuple[Array, Array], start_s: float, rng: np.random.Generator
 ) -> Array:
     """(time, range, own bearing, peer's bearing), (K, 4), thinned out and with losses; NaN: not measured."""
     own, peer = sightings
@@ -195,19 +178,19 @@ def _fixes(
     rows[len(own) :, [0, 1, 3]] = peer
     for k in range(len(own)) if len(peer) else ():
         near = int(np.argmin(np.abs(peer[:, 0] - own[k, 0])))
-        if abs(peer[near, 0] - own[k, 0]) <= told.pair_within_s:
+        if abs(peer[near, 0] - own[k, 0]) <= options.pair_within_s:
             rows[k, 3] = peer[near, 2]
     # In each interval the sighting that says most, the first of equals.
-    slot = np.floor((rows[:, 0] - start_s) / told.interval_s)
+    slot = np.floor((rows[:, 0] - start_s) / options.interval_s)
     order = np.lexsort((rows[:, 0], np.isnan(rows).sum(axis=1), slot))
     kept = rows[order][np.unique(slot[order], return_index=True)[1]]
-    return kept[rng.random(len(kept)) >= told.dropout_share]
+    return kept[rng.random(len(kept)) >= options.dropout_share]
 
 
 def _events(
-    told: MrclamOptions,
+    options: MrclamOptions,
     seed: int,
-    robots: list[_Robot],
+    robots: list[Robot],
     sightings: list[tuple[Array, Array]],
     times_s: Array,
     poses: Array,
@@ -215,8 +198,8 @@ def _events(
     count = len(robots)
     t_ns = np.arange(len(times_s), dtype=np.int64) * (1_000_000_000 // RATE_HZ)
     starts, everyone = np.zeros(count, dtype=np.int64), np.arange(count)
-    sigma_m = np.array([FRAME_SIGMA_M] + [told.position_sigma_m] * (count - 1))
-    sigma_rad = np.array([FRAME_SIGMA_RAD] + [math.radians(told.heading_sigma_deg)] * (count - 1))
+    sigma_m = np.array([FRAME_SIGMA_M] + [options.position_sigma_m] * (count - 1))
+    sigma_rad = np.array([FRAME_SIGMA_RAD] + [math.radians(options.heading_sigma_deg)] * (count - 1))
     draws = np.array([stream(seed, v, Purpose.DEPLOYMENT).standard_normal(3) for v in range(count)])
     draws[0] = 0.0
     first = poses[:, 0] + draws * np.column_stack([sigma_m, sigma_m, sigma_rad])
@@ -225,7 +208,7 @@ def _events(
     each, who = np.tile(t_ns[:-1], count), np.repeat(everyone, steps)
     fixes = []
     for v, seen in enumerate(sightings, start=1):
-        rows = _fixes(told, seen, float(times_s[0]), stream(seed, v, Purpose.MUTUAL_LUCK))
+        rows = _fixes(options, seen, float(times_s[0]), stream(seed, v, Purpose.MUTUAL_LUCK))
         fixes.append(np.column_stack([np.full(len(rows), v), rows]))
     fix = np.concatenate(fixes)
     at = np.round((fix[:, 1] - times_s[0]) * 1e9).astype(np.int64)
@@ -239,11 +222,11 @@ def _events(
         "heading": event_columns("heading", starts, everyone, yaw_rad=wrap_angle(first[:, 2]), sigma_rad=sigma_rad),
         "ground_velocity": event_columns(
             "ground_velocity", each, who, forward_mps=moved[:, :, 0].ravel(), left_mps=np.zeros(count * steps),
-            sigma_mps=np.full(count * steps, told.velocity_sigma_mps),
+            sigma_mps=np.full(count * steps, options.velocity_sigma_mps),
         ),
         "turn_rate": event_columns(
             "turn_rate", each, who, yaw_rate_radps=moved[:, :, 1].ravel(),
-            sigma_radps=np.full(count * steps, math.radians(told.turn_rate_sigma_degps)),
+            sigma_radps=np.full(count * steps, math.radians(options.turn_rate_sigma_degps)),
         ),
         "acoustic_fix": event_columns(
             "acoustic_fix", at, fix[:, 0].astype(np.int64), peer=np.zeros(len(fix), dtype=np.int64), transmit_ns=at,
@@ -261,7 +244,7 @@ def _held(odometry: Array, times_s: Array) -> Array:
     return np.column_stack([np.diff(np.interp(times_s, known, column)) for column in sums.T])
 
 
-def _pose(robot: _Robot, times_s: Array) -> Array:
+def _pose(robot: Robot, times_s: Array) -> Array:
     """True (x, y, yaw) at times, (K, 3); the last known one after the end."""
     table = robot.truth
     x, y = (np.interp(times_s, table[:, 0], column) for column in table[:, 1:3].T)
@@ -289,84 +272,26 @@ def _truth(names: list[str], poses: Array) -> xr.Dataset:
     )
 
 
-def _scenario(told: MrclamOptions) -> dict[str, Any]:
-    """What a replay needs to know beside the events: which navigators, and how good the sensors are."""
-    return {
-        "mrclam": told.model_dump(mode="json", exclude_none=True),
-        "metrics": {"settle_s": told.settle_s},
+def _setup(options: MrclamOptions) -> MissionSetup:
+    """What a replay reads beside the events: which navigators, and how good the sensors are."""
+    return MissionSetup.parse({
+        "mrclam": options.model_dump(mode="json", exclude_none=True),
+        "metrics": {"settle_s": options.settle_s},
         "navigators": ["dead-reckoning-dvl", "landmark-paper", "landmark-ekf", "landmark"],
         "navigator": {
             "all": {
-                "sigma_range_m": told.range_sigma_m,
-                "sigma_own_bearing_deg": told.bearing_sigma_deg,
-                "sigma_peer_bearing_deg": told.bearing_sigma_deg,
+                "sigma_range_m": options.range_sigma_m,
+                "sigma_own_bearing_deg": options.bearing_sigma_deg,
+                "sigma_peer_bearing_deg": options.bearing_sigma_deg,
                 "outlier_width_m": ROOM_M,
-                "sigma_velocity_constant_mps": told.velocity_sigma_mps,
+                "sigma_velocity_constant_mps": options.velocity_sigma_mps,
                 "sigma_velocity_root": 0.0,
-                "sigma_yaw_rate_degps": told.turn_rate_sigma_degps,
+                "sigma_yaw_rate_degps": options.turn_rate_sigma_degps,
             }
         },
-    }
+    })  # fmt: skip
 
 
 def _link() -> Link:
     modem = MODEMS["aloc"]
     return Link("aloc", modem.frame_bytes, modem.max_frames, modem.frame_s, modem.preamble_s, 1500.0)
-
-
-def _data_set(folder: Path) -> tuple[dict[int, _Robot], dict[int, int]]:
-    """Robots by number, and the barcode of each subject."""
-    barcode_of = {int(subject): int(barcode) for subject, barcode in _rows(folder, BARCODES, 2)}
-    robots = {}
-    for number in range(1, 6):
-        if _file(folder, f"Robot{number}_Odometry.dat") is not None:
-            robots[number] = _Robot(
-                _rows(folder, f"Robot{number}_Odometry.dat", 3),
-                _rows(folder, f"Robot{number}_Measurement.dat", 4),
-                _rows(folder, f"Robot{number}_Groundtruth.dat", 4),
-            )
-            if number not in barcode_of:
-                raise LogError(f"mrclam {folder}: {BARCODES} has no subject {number}")
-    return robots, barcode_of
-
-
-def _file(folder: Path, name: str) -> Path | None:
-    return next((path for path in (folder / name, folder / f"{name}.gz") if path.is_file()), None)
-
-
-def _rows(folder: Path, name: str, columns: int) -> Array:
-    path = _file(folder, name)
-    if path is None:
-        raise LogError(f"mrclam {folder}: has no {name} (or {name}.gz)")
-    return _read(path, path.stat().st_mtime_ns, columns)
-
-
-@lru_cache(maxsize=32)
-def _read(path: Path, _changed_ns: int, columns: int) -> Array:
-    # A study reads the same data set for each of its missions; an edited file is read again.
-    try:
-        with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
-            text = file.read()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise LogError(f"mrclam {path}: cannot be read: {' '.join(str(error).split())}") from error
-    lines = [
-        (k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"
-    ]
-    try:
-        rows = np.loadtxt([line for _, line in lines], dtype=np.float64, ndmin=2)
-    except ValueError:
-        rows = np.empty((0, 0))
-    if rows.shape != (len(lines), columns) or not np.isfinite(rows).all():
-        bad = next((k for k, line in lines if not _numbers(line.split(), columns)), len(lines))
-        raise LogError(f"mrclam {path}: line {bad} is not {columns} numbers")
-    if "Barcodes" not in path.name and (np.diff(rows[:, 0]) < 0).any():
-        k = int(np.argmax(np.diff(rows[:, 0]) < 0)) + 1
-        raise LogError(f"mrclam {path}: time goes back in line {lines[k][0]}: must ascend")
-    return rows
-
-
-def _numbers(cells: list[str], columns: int) -> bool:
-    try:
-        return len(cells) == columns and all(math.isfinite(float(cell)) for cell in cells)
-    except ValueError:
-        return False

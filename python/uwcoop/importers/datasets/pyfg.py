@@ -57,7 +57,7 @@ def read_pyfg(path: Path) -> Recording:
 def heard_on_the_way(found: Recording, delay_edges: float) -> Recording:
     """The same with every range heard `delay_edges` (above 0, below 1) of an edge before its pose.
 
-    Each edge is told in two parts with the ranges between them; the vehicle turns at the end of the second, so that
+    Each edge becomes two displacements with the ranges between them; the vehicle turns at the end of the second, so that
     dead reckoning is as before.
     """
     share = np.tile([1.0 - delay_edges, delay_edges], len(found.odometry_s))

@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from uwcoop.acoustics.link import Link
 from uwcoop.acoustics.modem import MODEMS, NO_LIMIT_BYTES
 from uwcoop.errors import LogError
 from uwcoop.missionlog.model import (
     OPPORTUNITY_COLUMNS,
     SLOT_COLUMNS,
     Columns,
-    Link,
     MissionLog,
     columns,
     event_columns,
 )
 from uwcoop.scenario.base import NonNegative, Positive, Table, nearest
+from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -104,7 +105,7 @@ class Recording:
     truth: Floats
     """(T, 3) east, north, yaw."""
     odometry_share: Floats | None = None
-    """(N,) of a displacement told in parts, the share of this one: variances go with it. None: all are whole."""
+    """(N,) share of an edge that each displacement is; its variance is the same share. None: each is a whole edge."""
 
 
 def mission_of(found: Recording, options: Options) -> MissionLog:
@@ -136,16 +137,18 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
         events=_events(found, options, beacons),
         slots=slots,
         opportunities=opportunities,
-        scenario={
-            "name": found.name,
-            "recording": options.model_dump(mode="json"),
-            "metrics": {"settle_s": 0.0},
-            "navigators": list(NAVIGATORS),
-            "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
-            "navigator": {
-                "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
-            },
-        },
+        setup=MissionSetup.parse(
+            {
+                "name": found.name,
+                "recording": options.model_dump(mode="json"),
+                "metrics": {"settle_s": 0.0},
+                "navigators": list(NAVIGATORS),
+                "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
+                "navigator": {
+                    "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
+                },
+            }
+        ),
         truth=_truth(found, beacons),
     )
 

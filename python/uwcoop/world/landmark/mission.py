@@ -1,9 +1,9 @@
-"""Missions in which two vehicles take turns as the landmark: who moves when, who ranges when, who hands over when.
+"""Missions in which two vehicles take turns as the landmark: legs, mutual positioning and exchanges of the role.
 
-One goes: it lifts off, follows its path, lands, and stands until it has had enough fixes. Then it sends its
-belief to the landmark and the subs, again and again until all have it or its tries are used up. When the landmark
-has it the roles change and the other one goes. Everything here is settled by the scenario and the mission's own
-draws; no navigator takes part, and a navigator's packets get lost by the draws that the log holds.
+The mover lifts off, follows its path, lands, and stays until it has had enough fixes. Then it sends its belief to the
+landmark and the subs in slot after slot, until all have it or its tries are used up. When the landmark has it, the
+roles change. All of this follows from the scenario and the mission's own draws; no navigator takes part. A navigator's
+own packets are lost by the draws that the log holds.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import numpy as np
 from uwcoop import acoustics
 from uwcoop.acoustics.losses import Signals, off_bow_rad, survival
 from uwcoop.acoustics.sound import sound_speed_between_mps
-from uwcoop.frames import wrap_angle
 from uwcoop.missionlog.model import (
     EVENT_COLUMNS,
     OPPORTUNITY_COLUMNS,
@@ -26,6 +25,7 @@ from uwcoop.missionlog.model import (
     columns,
     event_columns,
 )
+from uwcoop.world.landmark.deployment import priors
 from uwcoop.world.landmark.hovering import Course, HoverMotion
 from uwcoop.world.landmark.legs import Legs
 from uwcoop.world.landmark.mutual_positioning import Luck, acoustic_fixes, delay_s
@@ -38,9 +38,6 @@ if TYPE_CHECKING:
 
     Seconds = NDArray[np.float64]
 
-FRAME_SIGMA_M = 1e-3
-FRAME_SIGMA_RAD = 1e-4
-"""The first landmark's pose is the frame: what its navigator is told of it is certain, but never singular."""
 LIFT_OFF_S = 1.0
 """From taking the mover's role to lifting off."""
 PAUSE_S = 2.0
@@ -70,7 +67,7 @@ def fly(scenario: Scenario, seed: int) -> Alternation:
     mission.run()
     motion = [course.motion(mission.last_step) for course in mission.courses]
     events = mission.events()
-    events |= _priors(scenario, seed, mission.landmark_since[0][1], motion)
+    events |= priors(scenario, seed, mission.landmark_since[0][1], motion)
     if fixes := _fixes(mission, motion):
         events["acoustic_fix"] = fixes
     return Alternation(
@@ -309,25 +306,6 @@ class _Mission:
         """Who is the landmark at times (K,)."""
         since = np.array([second for second, _ in self.landmark_since])
         return np.array([v for _, v in self.landmark_since])[np.searchsorted(since, t_s, side="right") - 1]
-
-
-def _priors(scenario: Scenario, seed: int, landmark: int, motion: list[HoverMotion]) -> dict[str, Columns]:
-    """Fix and heading of every vehicle at the start: of the first landmark by definition, of the others drawn."""
-    deployment, count = scenario.deployment, len(motion)
-    sigma_m = np.full(count, deployment.position_sigma_m)
-    sigma_rad = np.full(count, math.radians(deployment.heading_sigma_deg))
-    draws = np.array([stream(seed, v, Purpose.DEPLOYMENT).standard_normal(3) for v in range(count)])
-    sigma_m[landmark], sigma_rad[landmark], draws[landmark] = FRAME_SIGMA_M, FRAME_SIGMA_RAD, 0.0
-    position = np.array([m.position_m[0] for m in motion]) + sigma_m[:, None] * draws[:, :2]
-    yaw = np.array([m.yaw_rad[0] for m in motion]) + sigma_rad * draws[:, 2]
-    start, who = np.zeros(count, dtype=np.int64), np.arange(count)
-    return {
-        "fix": event_columns(
-            "fix", start, who, e_m=position[:, 0], n_m=position[:, 1],
-            cov_ee_m2=sigma_m**2, cov_en_m2=np.zeros(count), cov_nn_m2=sigma_m**2,
-        ),
-        "heading": event_columns("heading", start, who, yaw_rad=wrap_angle(yaw), sigma_rad=sigma_rad),
-    }  # fmt: skip
 
 
 def _fixes(mission: _Mission, motion: list[HoverMotion]) -> Columns:
