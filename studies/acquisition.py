@@ -1,9 +1,9 @@
-"""Starts that are hardly known, and returns after a transit without a chart: how soon the position is found, how honestly.
+"""Starts that are hardly known, and returns after a transit without a chart: how soon each is found, how honestly.
 
     python studies/acquisition.py [--runs N] [--processes N] [--worlds NAME,…] [--radii M,…] [--navigators NAME,…]
 
-A vehicle is *found* at the first instant from which on its error stays below 15 m (40 m on a surveyed chart) for a minute.
-Beside each wide start stands the same mission with a start known to 10 m.
+A vehicle is *found* at the first instant from which on its error stays below 15 m (40 m on a surveyed chart) for a
+minute. Beside each wide start stands the same mission with a start known to 10 m.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 import uwcoop
 from uwcoop import scenario
 from uwcoop.charts import Chart
-from uwcoop.evaluation import metrics
+from uwcoop.evaluation import per_instant
 from uwcoop.missionlog import MissionLog
 from uwcoop.scenario.vehicle import Vehicle, Waypoints
 
@@ -69,12 +69,14 @@ def with_hole(chart: Chart) -> Chart:
     return dataclasses.replace(chart, depth_m=depth)
 
 
-def rows(log: MissionLog, navigator: str, limit_m: float, overrides: Sequence[str], from_s: float = 0.0) -> Iterator[Row]:
+def rows(
+    log: MissionLog, navigator: str, limit_m: float, overrides: Sequence[str], from_s: float = 0.0
+) -> Iterator[Row]:
     """What became of each vehicle from `from_s` on."""
     tracks = uwcoop.run(log, [navigator], clouds=False, overrides=overrides).tracks
     time_s = tracks.time.values.astype(np.float64)
     grid = np.isclose(time_s, np.round(time_s), atol=1e-6)
-    error, nees = metrics.errors(tracks), metrics.nees(tracks)
+    error, nees = per_instant.errors(tracks), per_instant.nees(tracks)
     covariance = tracks["covariance_m2"].sel(navigator=navigator).values
     for v in range(len(log.vehicles)):
         t, d = time_s[grid], error.sel(navigator=navigator).values[v][grid]
@@ -133,13 +135,15 @@ def line(world: str, radius_m: float, navigator: str, found: Sequence[Row]) -> s
 
 
 HEAD = (
-    "| world | start known to | navigator | vehicles | found, median / 90 % | within 300 / 900 s | ANEES median / mean | RMSE "
-    "| acquiring | lost in certainty |\n|---|---|---|---|---|---|---|---|---|---|"
+    "| world | start known to | navigator | vehicles | found, median / 90 % | within 300 / 900 s | ANEES median / mean "
+    "| RMSE | acquiring | lost in certainty |\n|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=17)
     parser.add_argument("--processes", type=int, default=2)
     parser.add_argument("--worlds", default=",".join((*WORLDS, f"{HOLE}:st-john-drift", f"{HOLE}:flat-bay")))
@@ -152,7 +156,9 @@ def main() -> None:
         for world in asked.worlds.split(","):
             for radius in [0.0] if world.startswith(HOLE) else map(float, asked.radii.split(",")):
                 for navigator in asked.navigators.split(","):
-                    jobs = [(world, radius, seed, navigator, tuple(asked.overrides)) for seed in range(asked.runs)]
+                    jobs = [
+                        (world, radius, seed, navigator, tuple(asked.overrides)) for seed in range(asked.runs)
+                    ]
                     found = [row for part in pool.map(_mission, jobs) for row in part]
                     print(line(world, radius, navigator, found), flush=True)
 

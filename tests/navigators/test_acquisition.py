@@ -1,4 +1,4 @@
-"""Vehicles whose start is hardly known, or that come back from where there was no chart: found, and never sure too early."""
+"""Vehicles whose start is hardly known, or that come back from a hole in the chart: found, never sure too early."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 import uwcoop
 from uwcoop import scenario
 from uwcoop.errors import NavigatorError
-from uwcoop.evaluation import metrics
+from uwcoop.evaluation import per_instant
 
 ALONE = "mpf-terrain-only"
 
@@ -23,7 +23,8 @@ def study() -> ModuleType:
     """`studies/acquisition.py`, which makes the missions and judges them."""
     path = Path(__file__).parents[2] / "studies" / "acquisition.py"
     spec = importlib.util.spec_from_file_location("acquisition_study", path)
-    assert spec is not None and spec.loader is not None
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)
@@ -33,9 +34,7 @@ def study() -> ModuleType:
 def judged(world: str, radius_m: float, runs: int, navigator: str = ALONE) -> list[Any]:
     acquisition = study()
     return [
-        row
-        for seed in range(runs)
-        for row in acquisition._mission((world, radius_m, seed, navigator, ()))
+        row for seed in range(runs) for row in acquisition._mission((world, radius_m, seed, navigator, ()))
     ]
 
 
@@ -45,9 +44,10 @@ def test_a_start_known_to_300_m_is_found_on_rich_terrain(navigator: str) -> None
     log = uwcoop.simulate(scenario.load("st-john-drift", told), seed=0)
     tracks = uwcoop.run(log, [navigator], clouds=False).tracks.sel(navigator=navigator)
     acquiring = tracks.acquiring.values
-    assert acquiring[:, 5].all() and not acquiring[:, -1].any()
-    assert (metrics.errors(tracks.expand_dims("navigator")).values[0, :, -1] < 15).all()
-    nees = metrics.nees(tracks.expand_dims("navigator")).values[0]
+    assert acquiring[:, 5].all()
+    assert not acquiring[:, -1].any()
+    assert (per_instant.errors(tracks.expand_dims("navigator")).values[0, :, -1] < 15).all()
+    nees = per_instant.nees(tracks.expand_dims("navigator")).values[0]
     assert np.nanmean(nees) < 6
 
 
@@ -62,7 +62,9 @@ def test_a_start_that_is_known_never_searches() -> None:
 
 
 def test_the_status_says_acquiring_and_a_bad_option_is_refused() -> None:
-    log = uwcoop.simulate(scenario.load("st-john-drift", ("sensors.fix.radius_m=100", "duration_s=60")), seed=0)
+    log = uwcoop.simulate(
+        scenario.load("st-john-drift", ("sensors.fix.radius_m=100", "duration_s=60")), seed=0
+    )
     tracks = uwcoop.run(log, [ALONE], clouds=False).tracks
     assert tracks.acquiring.values[0, 0, 3]
     assert "search" in tracks.acquiring.attrs["long_name"]

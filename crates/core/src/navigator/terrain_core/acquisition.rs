@@ -10,7 +10,7 @@ use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
 use super::TerrainOptions;
-use super::search_region::SearchRegion;
+use super::search_region::{Seabed, SearchRegion};
 use super::sounding::{SOFTENINGS, SoundingScratch};
 use crate::chart::Chart;
 use crate::cloud::Cloud;
@@ -55,8 +55,10 @@ pub struct Acquisition<const K: usize> {
     area_m2: f64,
     /// Log-odds that the vehicle is at none of the particles.
     elsewhere: f64,
-    /// Mean and variance of the charted depth over the region, m and m².
-    depths: [f64; 2],
+    /// What the charted seabed of the region is like.
+    seabed: Seabed,
+    /// The last sounding, m.
+    last_m: Option<f64>,
     /// Soundings in a row at which the ordinary cloud could have taken over.
     ready: u32,
     #[serde(skip)]
@@ -85,14 +87,15 @@ impl<const K: usize> Acquisition<K> {
         cloud.add_offset();
         cloud.offset_variance.fill(options.sigma_offset0_m.powi(2));
         let covariance = region.scatter(&mut cloud, chart, || core.next_stream(Purpose::Acquisition));
-        let depths = SearchRegion::depths(chart, &cloud)?;
+        let seabed = SearchRegion::seabed(chart, &cloud)?;
         let mut acquisition = Self {
             cloud,
             covariance,
             spacing_m: 0.0,
             area_m2: 0.0,
             elsewhere: log_odds(ELSEWHERE_AT_FIRST),
-            depths,
+            seabed,
+            last_m: None,
             ready: 0,
             spare: None,
         };
@@ -147,17 +150,15 @@ impl<const K: usize> Acquisition<K> {
         // Beside the truth, the misfit of one sounding is that of the next: they count as one.
         let same = (2.0 * MISFIT_LENGTH_M.max(kernel_m) / apart_m.max(1e-9)).clamp(model.shared, MOST_SHARED);
         model.shared = (model.shared * noise_m2 + same * around.varies_m2) / (noise_m2 + around.varies_m2);
-        let typical = {
-            let variance = self.depths[1] + noise_m2 + options.sigma_offset0_m.powi(2);
-            let off = water_depth_m - self.depths[0];
-            -0.5 * (off * off / variance + variance.ln()) / model.shared
-        };
+        let (typical, uncharted) =
+            self.without_chart(water_depth_m, apart_m, noise_m2, model.sigma_m, options);
+        let (typical, uncharted) = (typical / model.shared, uncharted / model.shared);
+        self.last_m = Some(water_depth_m);
         let walk_m2 = options.sigma_offset_m_per_sounding.powi(2);
         let mut column = self.cloud.likelihood_column();
         for attempt in 0..=SOFTENINGS {
             scratch.weigh(&model, &self.cloud, water_depth_m, walk_m2, &mut column);
-            // Where there is no chart, the depth is as anywhere in the region.
-            column.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = typical);
+            column.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = uncharted);
             if attempt == 0 {
                 self.doubt(typical - self.log_evidence(&column));
             }
@@ -172,6 +173,27 @@ impl<const K: usize> Acquisition<K> {
         let close = self.area_m2 <= area_of_a_particle_m2(around.map_m2, slope2) * count as f64;
         let sure = self.elsewhere < log_odds(ELSEWHERE_AT_HAND_OVER);
         self.ready = if close && sure { self.ready + 1 } else { 0 };
+    }
+
+    /// Log-likelihoods of a sounding without a chart: of a depth that is typical of the region, and of a seabed that goes on
+    /// from the last sounding with a slope that is typical. The second is what particles over holes explain: they must
+    /// not lose to charted places that fit by chance, where a smooth seabed is hard to tell from another.
+    fn without_chart(
+        &self,
+        water_depth_m: f64,
+        apart_m: f64,
+        noise_m2: f64,
+        sigma_m: f64,
+        options: &TerrainOptions,
+    ) -> (f64, f64) {
+        let density = |off: f64, variance: f64| -0.5 * (off * off / variance + variance.ln());
+        let seabed = &self.seabed;
+        let typical_m2 = seabed.relief_m2 + noise_m2 + options.sigma_offset0_m.powi(2);
+        let typical = density(water_depth_m - seabed.mean_m, typical_m2);
+        let Some(last_m) = self.last_m.filter(|_| apart_m.is_finite()) else { return (typical, typical) };
+        let goes_on_m2 =
+            2.0 * sigma_m * sigma_m + (seabed.slope2 * apart_m * apart_m).min(2.0 * seabed.relief_m2);
+        (typical, density(water_depth_m - last_m, goes_on_m2))
     }
 
     /// ln of the mean likelihood of the particles.
