@@ -25,7 +25,7 @@ use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Navigator, Outcome, Particles, Status, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, positive};
 use crate::event::{Event, Payload, VehicleId, seconds};
@@ -224,14 +224,15 @@ impl<const K: usize> Team<K> {
         outcome
     }
 
-    /// The search for the own position has ended: the particles are others than before, and a first one is a start.
+    /// The search for the own position has ended: the particles are others than before, and what was found is a start.
     fn found(&mut self, t_ns: i64) {
         self.forget();
         self.state.history.clear();
         if let Some(current) = &mut self.state.current {
             *current = SharedCurrent::new(self.options.terrain.particles, self.state.mates.len());
         }
-        if !self.state.outgoing.started() {
+        let found = self.terrain.state.core.status == Status::Navigating;
+        if found && !self.state.outgoing.started() {
             let (mean, covariance) = self.terrain.state.core.cloud.position_moments();
             self.state.outgoing.fix(t_ns, mean, covariance);
         }

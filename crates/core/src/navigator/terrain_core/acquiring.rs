@@ -5,6 +5,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::acquisition::{Acquisition, area_of_a_particle_m2};
 use super::search_region::SearchRegion;
 use super::{TerrainCore, TerrainState};
+use crate::cloud::Cloud;
 use crate::error::Error;
 use crate::event::seconds;
 use crate::kernels::likelihood::{OffsetModel, RangeBelief};
@@ -57,7 +58,7 @@ impl<const K: usize> TerrainCore<K> {
         step
     }
 
-    /// Begins a search over the region; dead reckoning where the chart has no depth in it.
+    /// Begins a search over the region, if the chart has a depth in it.
     pub(super) fn acquire(&mut self, region: SearchRegion<K>) {
         let Some(chart) = &self.chart else { return };
         let core = &mut self.state.core;
@@ -67,6 +68,21 @@ impl<const K: usize> TerrainCore<K> {
             core.status = Status::Acquiring;
         }
         self.state.region = Some(region);
+    }
+
+    /// Begins anew over the region; where it has left the chart, the ordinary cloud is where dead reckoning says.
+    pub(super) fn acquire_anew(&mut self, region: SearchRegion<K>) {
+        self.acquire(region);
+        let state = &mut self.state;
+        if let (None, Some(region), Some(chart)) = (&state.acquisition, &state.region, &self.chart) {
+            let core = &mut state.core;
+            let mut cloud = std::mem::replace(&mut core.cloud, Cloud::new(0));
+            core.covariance = region.scatter(&mut cloud, chart, || core.next_stream(Purpose::Acquisition));
+            cloud.equalise();
+            cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
+            core.cloud = cloud;
+            core.status = Status::OffChart;
+        }
     }
 
     /// Searches where the cloud has grown too wide for its particles.
@@ -171,7 +187,7 @@ impl<const K: usize> TerrainCore<K> {
         );
         if acquisition.failed() {
             let region = region.clone();
-            self.acquire(region);
+            self.acquire_anew(region);
             return Outcome::Fused;
         }
         acquisition.resample(&self.options, core);

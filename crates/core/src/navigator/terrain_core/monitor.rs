@@ -20,7 +20,7 @@ impl<const K: usize> TerrainCore<K> {
             state.health = 1.0;
             state.alarms += 1;
             state.last_alarm_ns = Some(now_ns);
-            self.acquire(region);
+            self.acquire_anew(region);
             return true;
         }
         let position_m = if since_s < monitor.repeat_s { monitor.repeat_spread_m } else { monitor.spread_m };
