@@ -59,6 +59,8 @@ pub struct Acquisition<const K: usize> {
     seabed: Seabed,
     /// The last sounding, m.
     last_m: Option<f64>,
+    /// Whether the vehicle is taken to be on its chart.
+    on_chart: bool,
     /// Soundings in a row at which the ordinary cloud could have taken over.
     ready: u32,
     #[serde(skip)]
@@ -96,6 +98,7 @@ impl<const K: usize> Acquisition<K> {
             elsewhere: log_odds(ELSEWHERE_AT_FIRST),
             seabed,
             last_m: None,
+            on_chart: region.on_chart,
             ready: 0,
             spare: None,
         };
@@ -176,8 +179,9 @@ impl<const K: usize> Acquisition<K> {
     }
 
     /// Log-likelihoods of a sounding without a chart: of a depth that is typical of the region, and of a seabed that goes on
-    /// from the last sounding with a slope that is typical. The second is what particles over holes explain: they must
-    /// not lose to charted places that fit by chance, where a smooth seabed is hard to tell from another.
+    /// from the last sounding with a slope that is typical. The second is what particles over holes explain, if the vehicle
+    /// may have left its chart: they must not lose to charted places that fit by chance, where a smooth seabed is hard to
+    /// tell from another. After a start they must not outlive the particles that have a chart, and are typical at best.
     fn without_chart(
         &self,
         water_depth_m: f64,
@@ -190,7 +194,9 @@ impl<const K: usize> Acquisition<K> {
         let seabed = &self.seabed;
         let typical_m2 = seabed.relief_m2 + noise_m2 + options.sigma_offset0_m.powi(2);
         let typical = density(water_depth_m - seabed.mean_m, typical_m2);
-        let Some(last_m) = self.last_m.filter(|_| apart_m.is_finite()) else { return (typical, typical) };
+        let Some(last_m) = self.last_m.filter(|_| apart_m.is_finite() && !self.on_chart) else {
+            return (typical, typical);
+        };
         let goes_on_m2 =
             2.0 * sigma_m * sigma_m + (seabed.slope2 * apart_m * apart_m).min(2.0 * seabed.relief_m2);
         (typical, density(water_depth_m - last_m, goes_on_m2))

@@ -24,7 +24,7 @@ pub struct SearchRegion<const K: usize> {
     cross: SMatrix<f64, 2, K>,
     covariance: SMatrix<f64, K, K>,
     /// A vehicle that starts is taken to be on its chart; one that was under way may have left it.
-    on_chart: bool,
+    pub on_chart: bool,
 }
 
 impl<const K: usize> SearchRegion<K> {
