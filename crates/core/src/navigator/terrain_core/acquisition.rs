@@ -181,12 +181,12 @@ impl<const K: usize> Acquisition<K> {
     /// Log-likelihoods of a sounding without a chart: of a depth that is typical of the region, and of a seabed that goes on
     /// from the last sounding with a slope that is typical. The second is what particles over holes explain, if the vehicle
     /// may have left its chart: they must not lose to charted places that fit by chance, where a smooth seabed is hard to
-    /// tell from another. After a start they must not outlive the particles that have a chart, and are typical at best.
+    /// tell from another, nor win for not being widened as those are. After a start they must not outlive the particles that have a chart, and are typical at best.
     fn without_chart(
         &self,
-        water_depth_m: f64,
-        apart_m: f64,
+        (water_depth_m, apart_m): (f64, f64),
         noise_m2: f64,
+        varies_m2: f64,
         sigma_m: f64,
         options: &TerrainOptions,
     ) -> (f64, f64) {
@@ -197,8 +197,9 @@ impl<const K: usize> Acquisition<K> {
         let Some(last_m) = self.last_m.filter(|_| apart_m.is_finite() && !self.on_chart) else {
             return (typical, typical);
         };
-        let goes_on_m2 =
-            2.0 * sigma_m * sigma_m + (seabed.slope2 * apart_m * apart_m).min(2.0 * seabed.relief_m2);
+        let goes_on_m2 = varies_m2
+            + 2.0 * sigma_m * sigma_m
+            + (seabed.slope2 * apart_m * apart_m).min(2.0 * seabed.relief_m2);
         (typical, density(water_depth_m - last_m, goes_on_m2))
     }
 
