@@ -154,7 +154,7 @@ impl<const K: usize> Acquisition<K> {
         let same = (2.0 * MISFIT_LENGTH_M.max(kernel_m) / apart_m.max(1e-9)).clamp(model.shared, MOST_SHARED);
         model.shared = (model.shared * noise_m2 + same * around.varies_m2) / (noise_m2 + around.varies_m2);
         let (typical, uncharted) =
-            self.without_chart(water_depth_m, apart_m, noise_m2, model.sigma_m, options);
+            self.without_chart(sounding, noise_m2, around.varies_m2, model.sigma_m, options);
         let (typical, uncharted) = (typical / model.shared, uncharted / model.shared);
         self.last_m = Some(water_depth_m);
         let walk_m2 = options.sigma_offset_m_per_sounding.powi(2);
