@@ -8,36 +8,27 @@ from __future__ import annotations
 
 import ast
 import inspect
-import json
 import re
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 from pydantic import BaseModel
 
+from uwcoop.scenario.keys import (
+    bound_of,
+    choice_of,
+    default_of,
+    defaults_by_preset,
+    meanings,
+    models_by_name,
+    references,
+    toml,
+    unit_of,
+)
+
 ASKED = re.compile(r"^<!-- made from code: ([a-z ]+) -->$", re.MULTILINE)
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
-
-UNITS = {
-    "_mps_per_sqrt_s": "m/s/√s",
-    "_m_per_sqrt_s": "m/√s",
-    "_deg_per_sqrt_s": "°/√s",
-    "_rad_per_sqrt_s": "rad/√s",
-    "_m_per_sounding": "m",
-    "_degps": "°/s",
-    "_mps": "m/s",
-    "_m2": "m²",
-    "_hz": "Hz",
-    "_ppm": "ppm",
-    "_deg": "°",
-    "_rad": "rad",
-    "_sigmas": "σ",
-    "_bytes": "byte",
-    "_m": "m",
-    "_s": "s",
-}
-"""Unit by the end of a key's name; longer endings first."""
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -67,7 +58,7 @@ def scenario_tables() -> str:
     schema = Scenario.model_json_schema()
     sections: list[str] = []
     done: set[str] = set()
-    _section(_models_by_name(), schema["$defs"], "", schema, sections, done, "")
+    _section(models_by_name(), schema["$defs"], "", schema, sections, done, "")
     return "\n\n".join(sections)
 
 
@@ -88,7 +79,7 @@ def navigator_tables() -> str:
     for model, names in by_model.items():
         title = ", ".join(f"`{name}`" for name in names)
         fixed = [
-            f"`{name}` is fixed at `{key} = {_toml(value)}`."
+            f"`{name}` is fixed at `{key} = {toml(value)}`."
             for name in names
             for key, value in NAVIGATORS[name].fixed.items()
         ]
@@ -107,20 +98,8 @@ def _navigator_section(
     own = {key: value for key, value in schema["properties"].items() if inherited.get(key) != value}
     said = [f"### {title}", where, also]
     by_preset = dict.fromkeys(home.DRIFT_PRESETS["dvl"], "by preset")
-    said += [_table({"properties": own}, _meanings(model), {}, by_preset)] if own else ["No further options."]
+    said += [_table({"properties": own}, meanings(model), {}, by_preset)] if own else ["No further options."]
     return "\n\n".join(part for part in said if part)
-
-
-def _models_by_name() -> dict[str, type[BaseModel]]:
-    from uwcoop.scenario.base import Table
-
-    found: dict[str, type[BaseModel]] = {}
-    pending: list[type[BaseModel]] = [Table]
-    while pending:
-        model = pending.pop()
-        found[model.__name__] = model
-        pending += model.__subclasses__()
-    return found
 
 
 def _section(
@@ -140,126 +119,41 @@ def _section(
     notes: dict[str, str] = {}
     for key, value in schema["properties"].items():
         at = f"{path}.{key}" if path else key
-        for target, listed in _references(value):
+        for target, listed in references(value):
             shape = definitions[target]
             if target in done:
                 notes[key] = "a table as above"
                 continue
             notes[key] = "table, below"
-            choice = _choice(shape)
-            inner.append((at, f"[[{at}]]" if listed else f"[{at}]{choice}", shape))
+            choice = choice_of(shape)
+            inner.append((at, f"[[{at}]]" if listed else f"[{at}] {choice}".rstrip(), shape))
             done.add(target)
     said = [f"### `{heading}`" if heading else "### Top of the file", inspect.getdoc(model) or ""]
-    said.append(_table(schema, _meanings(model), notes, _by_preset(name)))
+    said.append(_table(schema, meanings(model), notes, defaults_by_preset(name)))
     sections.append("\n\n".join(part for part in said if part))
     for at, title, shape in inner:
         _section(models, definitions, at, shape, sections, done, title)
 
 
-def _choice(shape: dict[str, Any]) -> str:
-    """` model = "constant"` of a table that is one of several."""
-    told = (f' {key} = "{value["const"]}"' for key, value in shape["properties"].items() if "const" in value)
-    return next(told, "")
-
-
-def _references(value: Any, listed: bool = False) -> Iterator[tuple[str, bool]]:
-    """Names of the tables that a key may hold, and whether as a list."""
-    if isinstance(value, dict):
-        if "$ref" in value:
-            yield value["$ref"].rsplit("/", 1)[1], listed
-        for key, inner in value.items():
-            if key not in ("discriminator", "default"):
-                yield from _references(inner, listed or key in ("items", "prefixItems"))
-    elif isinstance(value, list):
-        for inner in value:
-            yield from _references(inner, listed)
-
-
-def _by_preset(name: str) -> dict[str, str]:
-    """Defaults that a validator fills in, which the schema cannot know."""
-    if name != "Drift":
-        return {}
-    from uwcoop.scenario.vehicle import DRIFT_PRESETS, Drift
-
-    preset = Drift.model_validate({}).preset
-    return {**dict.fromkeys(DRIFT_PRESETS[preset], "by preset"), "preset": f"`{_toml(preset)}`"}
-
-
 def _table(
     schema: dict[str, Any],
-    meanings: dict[str, str],
+    texts: dict[str, str],
     notes: dict[str, str],
     defaults: dict[str, str] | None = None,
 ) -> str:
     rows = ["| key | unit | default | bound | meaning |", "|---|---|---|---|---|"]
     for key, value in schema["properties"].items():
-        default = (defaults or {}).get(key)
-        if default is None and "default" in value and value["default"] is not None:
-            default = "" if key in notes else f"`{_toml(value['default'])}`"
-        elif default is None:
-            required = key in schema.get("required", ())
-            default = "**required**" if required else "" if key in notes else "–"
-        bound = notes.get(key) or _bound(value)
-        meaning = meanings.get(key, "") or value.get("description", "")
-        cells = [f"`{key}`", _unit(key), default, bound, meaning]
+        stated = (defaults or {}).get(key) or default_of(key, value, schema, required="**required**")
+        default = stated if stated in ("**required**", "by preset", "") else f"`{stated}`"
+        if key in notes and default != "**required**":
+            default = ""
+        elif not default:
+            default = "–"
+        bound = notes.get(key) or bound_of(value)
+        meaning = texts.get(key, "") or value.get("description", "")
+        cells = [f"`{key}`", unit_of(key), default, bound, meaning]
         rows.append("| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |")
     return "\n".join(rows)
-
-
-def _unit(key: str) -> str:
-    return next((unit for ending, unit in UNITS.items() if key.endswith(ending)), "")
-
-
-def _bound(value: dict[str, Any]) -> str:
-    """What the schema admits, in a few words; None is left out, the default column shows it."""
-    options = [o for o in value.get("anyOf", value.get("oneOf", [value])) if o.get("type") != "null"]
-    return " or ".join(dict.fromkeys(filter(None, map(_one_bound, options))))
-
-
-def _one_bound(value: dict[str, Any]) -> str:
-    if "enum" in value:
-        return ", ".join(f"`{_toml(v)}`" for v in value["enum"])
-    if "const" in value:
-        return f"`{_toml(value['const'])}`"
-    kind = value.get("type", "")
-    if kind in ("number", "integer"):
-        words = {"minimum": "≥", "exclusiveMinimum": ">", "maximum": "≤", "exclusiveMaximum": "<"}
-        limits = [f"{sign} {_number(value[word])}" for word, sign in words.items() if word in value]
-        return ", ".join((["whole"] if kind == "integer" else []) + limits) or "number"
-    if kind == "array":
-        if "prefixItems" in value:
-            return f"{len(value['prefixItems'])} numbers"
-        least = f", at least {value['minItems']}" if "minItems" in value else ""
-        return f"list of {_one_bound(value['items']) or 'tables'}{least}"
-    if kind == "string":
-        return f"text `{value['pattern']}`" if "pattern" in value else "text"
-    return {"boolean": "true or false", "object": "table"}.get(kind, "")
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, float):
-        return repr(float(f"{value:.4g}"))
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _number(value: float) -> str:
-    return "2⁶³ − 1" if value == 2**63 - 1 else f"{value:,.10g}"
-
-
-def _meanings(model: type[BaseModel]) -> dict[str, str]:
-    """The texts below the fields of a model and its bases, by field."""
-    found: dict[str, str] = {}
-    for base in reversed(model.__mro__):
-        if not issubclass(base, BaseModel) or base is BaseModel:
-            continue
-        body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0]
-        assert isinstance(body, ast.ClassDef)
-        for field, text in zip(body.body, body.body[1:], strict=False):
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
-                assert isinstance(field.target, ast.Name)
-                assert isinstance(text.value, ast.Constant)
-                found[field.target.id] = inspect.cleandoc(str(text.value.value)).replace("\n", " ")
-    return found
 
 
 # ------------------------------------------------------------------------------------------------- other tables
@@ -284,8 +178,8 @@ def _presets(presets: dict[str, Any]) -> str:
     rows = [f"| key | unit | {' | '.join(f'`{n}`' for n in names)} |", "|---|---|" + "---|" * len(names)]
     for key in presets[names[0]]:
         values = [presets[n][key] for n in names]
-        said = [f"{v:.4g}" if isinstance(v, float) else _toml(v) for v in values]
-        rows.append(f"| `{key}` | {_unit(key)} | {' | '.join(said)} |")
+        said = [f"{v:.4g}" if isinstance(v, float) else toml(v) for v in values]
+        rows.append(f"| `{key}` | {unit_of(key)} | {' | '.join(said)} |")
     return "\n".join(rows)
 
 
@@ -293,14 +187,14 @@ def modems() -> str:
     """Modem profiles."""
     from uwcoop.acoustics import MODEMS
 
-    rows = ["| modem | frame, byte | frames at once | bit/s | preamble, s | frame on the air, s |"]
-    rows.append("|---|---|---|---|---|---|")
+    rows = ["| modem | frame, byte | frames at once | bit/s | preamble, s | frame on the air, s | source |"]
+    rows.append("|---|---|---|---|---|---|---|")
     for name, m in MODEMS.items():
         if m.bits_per_s:
             said = f"{m.frame_bytes} | {m.max_frames} | {m.bits_per_s:g} | {m.preamble_s:g} | {m.frame_s:.2f}"
         else:
             said = "no limit | 1 | no limit | 0 | 0"
-        rows.append(f"| `{name}` | {said} |")
+        rows.append(f"| `{name}` | {said} | {m.source} |")
     return "\n".join(rows)
 
 

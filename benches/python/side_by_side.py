@@ -122,8 +122,8 @@ class Circle:
 
 def navigator(particles: int, chart: _native.Chart) -> _native.Navigator:
     """`dmpf` of the only vehicle, as packaged."""
-    options = DmpfOptions(particles=particles, window=WINDOW).native(0.0)
-    return _native.Navigator.dmpf(0, 1, options, chart, 1500.0, 7)
+    stated = DmpfOptions(particles=particles, window=WINDOW).stated()
+    return _native.make_navigator("dmpf", 0, 1, 1500.0, 7, [], stated, chart)
 
 
 def replay(particles: int, chart: _native.Chart, circle: Circle) -> _native.Replay:

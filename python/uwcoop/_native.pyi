@@ -15,15 +15,13 @@ __all__ = [
     "Mission",
     "Navigator",
     "Replay",
-    "belief_exchange",
     "bilinear_depth",
     "bilinear_gradient",
     "bound",
-    "cekf",
     "decode_belief",
     "decode_exchange",
     "decode_graph",
-    "deif",
+    "drift_presets",
     "effective_sample_size",
     "encode_belief",
     "encode_exchange",
@@ -32,24 +30,25 @@ __all__ = [
     "filtered_error_delta",
     "fit_gaussian_mixture",
     "fit_mixture",
-    "interleaved",
     "kernel_entropy",
     "landmark_from_polar",
     "landmark_log_likelihood",
     "landmark_monitor",
-    "landmark_navigator",
     "landmark_new_particles",
     "landmark_offsets",
-    "landmark_paper",
     "landmark_polar",
     "landmark_predict",
     "landmark_reconstruct",
+    "late_range",
     "liu_west",
-    "mdeif",
+    "make_central",
+    "make_navigator",
     "moments",
+    "navigator_options",
     "normalize",
     "offset_update",
     "origin_delta",
+    "packaged_navigators",
     "pattern_depths",
     "pose_graph",
     "propagate",
@@ -60,8 +59,8 @@ __all__ = [
     "run_all",
     "schur_marginalize",
     "systematic_resample",
-    "team_navigator",
     "terrain_log_likelihood",
+    "unread_options",
 ]
 
 _F8 = NDArray[np.float64]
@@ -96,6 +95,8 @@ class Chart:
     def correlation_length_m(self) -> float: ...
     @property
     def mean_depth_m(self) -> float: ...
+
+def event_bounds() -> list[tuple[str, str, float, float, bool]]: ...
 
 @final
 class Event:
@@ -134,26 +135,6 @@ class Estimate:
 class Navigator:
     """A native navigator; empty while a replay holds it."""
 
-    @staticmethod
-    def dead_reckoning(vehicle: int, vehicles: int, options: dict[str, Any]) -> Navigator: ...
-    @staticmethod
-    def dmpf(
-        vehicle: int,
-        vehicles: int,
-        options: dict[str, Any],
-        chart: Chart | None,
-        sound_speed_mps: float,
-        seed: int,
-    ) -> Navigator: ...
-    @staticmethod
-    def mpf(
-        vehicle: int,
-        vehicles: int,
-        options: dict[str, Any],
-        chart: Chart | None,
-        sound_speed_mps: float,
-        seed: int,
-    ) -> Navigator: ...
     def handle(self, event: Event) -> str: ...
     def transmit(self, tol_ns: int, capacity_bytes: int) -> bytes | None: ...
     def transmit_described(
@@ -207,30 +188,33 @@ class Replay:
 class CentralEstimator:
     """A centralised reference: fed the events of the whole team, transmits nothing. Empty while a replay holds it."""
 
-def belief_exchange(
-    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
-) -> Navigator: ...
-def cekf(options: dict[str, Any], ranging: Sequence[bool], sound_speed_mps: float) -> CentralEstimator: ...
-def interleaved(
-    vehicle: int, vehicles: int, options: dict[str, Any], ranging: bool, sound_speed_mps: float
-) -> Navigator: ...
 def bound(
     chart: Chart | None,
     truth_ns: _I8,
     truth_m: _F8,
     events: Mapping[str, Mapping[str, Any]],
     ranges: Mapping[str, _I8],
-    model: Mapping[str, Any],
+    options: tuple[str, str],
+    counted: tuple[bool, bool, bool],
     sample_ns: _I8,
 ) -> _F8: ...
-def team_navigator(
+def packaged_navigators() -> str: ...
+def navigator_options() -> str: ...
+def drift_presets() -> str: ...
+def unread_options(name: str, stated: str) -> list[tuple[str, str]]: ...
+def make_navigator(
+    name: str,
     vehicle: int,
     vehicles: int,
-    options: dict[str, Any],
-    chart: Chart | None,
     sound_speed_mps: float,
     seed: int,
+    ranging: Sequence[bool],
+    stated: str,
+    chart: Chart | None,
 ) -> Navigator: ...
+def make_central(
+    name: str, vehicles: int, sound_speed_mps: float, ranging: Sequence[bool], stated: str
+) -> CentralEstimator: ...
 def run_all(replays: Sequence[Replay], threads: int) -> None: ...
 def bilinear_depth(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
 def bilinear_gradient(grid: _F8, east0_m: float, north0_m: float, cell_m: float, points_m: _F8) -> _F8: ...
@@ -278,6 +262,14 @@ def range_log_likelihood(
     method: str,
     samples: _F8 | None = None,
 ) -> _F8: ...
+def late_range(
+    innovation_m: _F8,
+    variance_m2: _F8,
+    gain_m2: _F8,
+    late_share: float,
+    lateness_m: float,
+    floor_per_m: float,
+) -> tuple[_F8, _F8, _F8]: ...
 def normalize(log_weights: _F8) -> _F8: ...
 def residual_resample(weights: _F8, uniforms: _F8) -> tuple[_I8, _I8]: ...
 def roughen(positions_m: _F8, ancestors: _I8, counts: _I8, variance_m2: float, normals: _F8) -> _F8: ...
@@ -298,16 +290,6 @@ def encode_belief(
     packet: str,
 ) -> bytes: ...
 def decode_belief(packet: bytes, sender: int, tol_ns: int) -> dict[str, Any]: ...
-def mdeif(
-    vehicle: int, ranging: list[bool], options: dict[str, Any], sound_speed_mps: float
-) -> Navigator: ...
-def deif(
-    vehicle: int,
-    ranging: list[bool],
-    options: dict[str, Any],
-    repeats: int | None,
-    sound_speed_mps: float,
-) -> Navigator: ...
 def schur_marginalize(matrix: _F8, vector: _F8, keep: Sequence[int]) -> tuple[_F8, _F8]: ...
 def origin_delta(
     client_matrix: _F8, client_vector: _F8, server_matrix: _F8, server_vector: _F8
@@ -333,8 +315,6 @@ def reconstruct_graph(
     equation_6: bool = True,
     loss_max: float = 1e-4,
 ) -> dict[str, Any]: ...
-def landmark_navigator(vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int) -> Navigator: ...
-def landmark_paper(vehicle: int, vehicles: int, options: Mapping[str, Any], seed: int) -> Navigator: ...
 def landmark_predict(
     particles: _F8,
     velocity_mps: Sequence[float] | _F8,

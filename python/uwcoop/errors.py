@@ -22,6 +22,10 @@ class ChartError(UwcoopError, ValueError):
     """A chart file that cannot be read as a chart: missing, empty, all holes, unknown projection or unit."""
 
 
+class TableError(UwcoopError, ValueError):
+    """A text table that cannot be read: encoding, separator, column, cell or time; its callers raise their own."""
+
+
 class OutsideChartError(UwcoopError, ValueError):
     """A position or depth that the chart does not hold where one was required."""
 

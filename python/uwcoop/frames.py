@@ -66,6 +66,22 @@ def crs_text(crs: Any) -> str:
     return ":".join(authority) if authority else str(crs.to_wkt())
 
 
+def transformer(source: Any, target: Any) -> Any:
+    """The pyproj transformer between two projections, x east and y north on both sides.
+
+    Raises:
+        ChartError: there is no way from one to the other, as for a planet other than the Earth.
+    """
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        return Transformer.from_crs(source, target, always_xy=True)
+    except ProjError as error:
+        said = " ".join(str(error).split())[:200]
+        raise ChartError(f"projection {source} cannot be converted to {target}: {said}") from error
+
+
 def local_projection(latitude_deg: float, longitude_deg: float) -> str:
     """PROJ string of the conformal metric projection around a place: transverse Mercator, scale 1 there."""
     return (
@@ -85,7 +101,13 @@ class Origin:
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """Local ENU metres around an `Origin` with a known position, by the origin's projection.
+    """Local metres, east and north, around a place on Earth: what a person has in degrees, the program in metres.
+
+        frame = LocalFrame.at(47.60, -122.40)
+        frame.to_local([47.601], [-122.399])     # (1, 2): [[75.2, 111.2]]
+        frame.to_geographic([[75.2, 111.2]])     # (1, 2): [[47.601, -122.399]]
+
+    A chart's frame is `LocalFrame(chart.origin)`. Needs pyproj, of the extra `maps`.
 
     With a grid projection such as UTM, "north" is grid north and a metre is a grid metre, so a chart's nodes
     keep their places; `convergence_deg` says how far grid north lies from true north.
@@ -109,18 +131,21 @@ class LocalFrame:
             raise ChartError(f"longitude {longitude_deg} deg is outside -180 to 360 deg")
         return cls(Origin(latitude_deg, longitude_deg, crs or local_projection(latitude_deg, longitude_deg)))
 
-    @cached_property
-    def _crs(self) -> Any:
+    @property
+    def crs_text(self) -> str:
+        """The frame's projection, as `crs_of` reads it."""
         latitude, longitude = self.origin.latitude_deg, self.origin.longitude_deg
         assert latitude is not None
         assert longitude is not None
-        return crs_of(self.origin.crs or local_projection(latitude, longitude))
+        return self.origin.crs or local_projection(latitude, longitude)
+
+    @cached_property
+    def _crs(self) -> Any:
+        return crs_of(self.crs_text)
 
     @cached_property
     def _transformer(self) -> Any:
-        from pyproj import Transformer
-
-        return Transformer.from_crs("EPSG:4326", self._crs, always_xy=True)
+        return transformer("EPSG:4326", self._crs)
 
     @cached_property
     def offset_m(self) -> tuple[float, float]:
@@ -150,9 +175,7 @@ class LocalFrame:
 
     def local_from(self, crs: Any, x: ArrayLike, y: ArrayLike) -> NDArray[np.float64]:
         """Local [east, north] metres, (N, 2), of positions (N,) in another pyproj CRS, x east and y north."""
-        from pyproj import Transformer
-
-        there = Transformer.from_crs(crs, self._crs, always_xy=True)
+        there = transformer(crs, self._crs)
         east, north = there.transform(np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64))
         return np.column_stack([east, north]) - self.offset_m
 

@@ -5,17 +5,21 @@ from __future__ import annotations
 import hashlib
 import hmac
 import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import uwcoop
 from uwcoop import _native
-from uwcoop.acoustics.authentication import authenticator_of
+from uwcoop.acoustics.authentication import KeyFileWarning, authenticator_of, check_key
 from uwcoop.charts.native import native_chart
 from uwcoop.cli import app
 from uwcoop.errors import NavigatorError, ScenarioError
@@ -23,6 +27,8 @@ from uwcoop.experiment.run import native_mission, replay_for, sample_times_ns
 from uwcoop.missionlog.mcap import load_log, write_log
 from uwcoop.navigators import NAVIGATORS, Context, Custom, build, options_of
 from uwcoop.scenario import MissionSetup, load, parse
+from uwcoop.scenario.authentication import Authentication
+from uwcoop.scenario.secrets import redact
 from uwcoop.world.simulate import simulate
 
 KEY = "00112233445566778899aabbccddeeff"
@@ -152,7 +158,8 @@ def test_forged_altered_and_replayed_packets_are_counted_and_change_nothing() ->
 
 def test_no_output_shows_the_key(tmp_path: Path) -> None:
     setting = f'acoustics.authentication.key_hex="{KEY}"'
-    result = uwcoop.run("flat-bay", ["mpf"], seed=1, overrides=[*SHORT, f"{TAGS}=8", setting], clouds=False)
+    tagged = (*SHORT, f"{TAGS}=8", "acoustics.authentication.mission=7")
+    result = uwcoop.run("flat-bay", ["mpf"], seed=1, overrides=[*tagged, setting], clouds=False)
     log = result.log
     assert log.team_key == bytes.fromhex(KEY)
     assert log.setup.tables()["acoustics"]["authentication"]["key_hex"] == "**********"
@@ -160,17 +167,19 @@ def test_no_output_shows_the_key(tmp_path: Path) -> None:
     assert parse(log.setup.tables()).acoustics.authentication.key is None
     said = [
         repr(log),
-        repr(load("flat-bay", [setting])),
+        repr(load("flat-bay", [*tagged, setting])),
         json.dumps(result.summary),
         str(result.tracks.attrs),
     ]
     write_log(log, tmp_path / "m.mcap")
     said.append((tmp_path / "m.mcap").read_bytes().decode("latin-1"))
-    args = ["study", "flat-bay", "--runs", "1", "-n", "mpf", "-o", str(tmp_path / "out"), "--processes", "1"]
-    for option in (*SHORT, f"{TAGS}=8", setting):
-        args += ["--set", option]
-    shown = CliRunner().invoke(app, args)
+    output = CliRunner()
+    run = ["run", "flat-bay", "-n", "mpf", "-o", str(tmp_path / "out")]
+    for option in (*tagged, setting):
+        run += ["--set", option]
+    shown = output.invoke(app, run)
     assert shown.exit_code == 0, shown.output
+    assert "every user of this machine can see a key on a command line" in shown.output
     said.append(shown.output)
     files = list((tmp_path / "out").iterdir())
     assert len(files) > 2
@@ -193,6 +202,113 @@ def test_a_key_that_is_none_is_refused_without_repeating_it(wrong: str) -> None:
     assert wrong.strip('"[]') not in str(refused.value)
 
 
+STUDY = ("study", "flat-bay", "--runs", "1", "-n", "mpf", "--processes", "1", "-o")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--vary", f"acoustics.authentication.key_hex={KEY},{KEY[::-1]}"),
+        ("--vary", f'acoustics.authentication.key_hex="{KEY}"'),
+        ("--vary", f'acoustics.authentication={{key_hex="{KEY}", mission=1, tag_bytes=8}}'),
+        ("--vary", f"acoustics.authentication.key_hex.{KEY}=1"),
+        ("--set", f'acoustics.authentication.key_hex="{KEY}"'),
+        ("--set", f'acoustics.authentication={{tag_bytes=8, key_hex="{KEY}"}}'),
+        ("--set", f"acoustics.authentication.key_hex={KEY} oops"),
+        ("--set", f"acoustics.authentication.key_env={KEY}"),
+        ("--set", f'acoustics.authentication.key_env="{KEY}"'),
+        ("--set", f'acoustics.authentication.key_env="abcdef{KEY}"'),
+        ("--set", f'acoustics.authentication.key_file="{KEY}"'),
+        ("--set", f'acoustics.authentication="{KEY}"'),
+        ("--set", f'acoustics.authentication.tag_bytes="{KEY}"'),
+        ("--set", f"{KEY}"),
+        ("--set", f'acoustics.authentication.key_hexx="{KEY}"'),
+    ],
+)
+def test_no_error_and_no_file_of_a_study_repeats_a_key(arguments: tuple[str, str], tmp_path: Path) -> None:
+    refused = CliRunner().invoke(app, [*STUDY, str(tmp_path / "out"), *arguments])
+    assert refused.exit_code == 2
+    assert KEY not in refused.output
+    assert KEY[::-1] not in refused.output
+    assert not list(tmp_path.iterdir())
+
+
+@given(
+    text=st.text(alphabet="=.{}\"' ab", max_size=20),
+    key=st.text(alphabet="0123456789abcdefABCDEF", min_size=32),
+)
+def test_a_redacted_text_holds_no_key(text: str, key: str) -> None:
+    assert key not in redact(f"{text}{key}{text}")
+    assert key[:16] not in redact(f"acoustics.authentication.key_hex={text}{key[:16]}")
+
+
+def test_a_key_in_the_environment_needs_a_name_and_a_mission(monkeypatch: pytest.MonkeyPatch) -> None:
+    place = 'acoustics.authentication.key_env="TEAM_KEY"'
+    with pytest.raises(
+        ScenarioError, match=r"key_env and no mission: must have another number for each mission"
+    ):
+        load("flat-bay", [f"{TAGS}=8", place])
+    tagged = [*SHORT, f"{TAGS}=8", place, "acoustics.authentication.mission=7"]
+    with pytest.raises(ScenarioError, match="environment variable TEAM_KEY is not set"):
+        uwcoop.run("flat-bay", ["mpf"], overrides=tagged, clouds=False)
+    with pytest.raises(ScenarioError, match="environment variable TEAM_KEY is not set"):
+        uwcoop.study("flat-bay", 1, ["mpf"], overrides=tagged, processes=1)
+    monkeypatch.setenv("TEAM_KEY", KEY)
+    uwcoop.run("flat-bay", ["mpf"], overrides=tagged, clouds=False)
+    for name in ("1A", "A B", "A=B", ""):
+        with pytest.raises(ScenarioError, match="must be the name of an environment variable"):
+            load("flat-bay", [f'acoustics.authentication.key_env="{name}"'])
+
+
+def test_a_key_file_that_others_can_read_is_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "team.key"
+    path.write_text(KEY)
+    table = {"tag_bytes": 8, "key_file": str(path), "mission": 7}
+    plan = Authentication.model_validate(table)
+    path.chmod(0o600)
+    check_key(plan)
+    for mode in (0o640, 0o604):
+        path.chmod(mode)
+        with pytest.warns(KeyFileWarning, match=r"can be read by other users of this machine: chmod 600"):
+            check_key(plan)
+    settings = [f"acoustics.authentication.{k}={json.dumps(v)}" for k, v in table.items()]
+    args = [sys.executable, "-m", "uwcoop", "run", "flat-bay", "-n", "dead-reckoning"]
+    for option in (*SHORT, *settings):
+        args += ["--set", option]
+    shown = subprocess.run(args, capture_output=True, text=True, timeout=120, check=False)
+    assert shown.returncode == 0, shown.stderr
+    assert shown.stderr.count("note: key file ") == 1
+    assert "Warning" not in shown.stderr
+    path.write_text("")
+    path.chmod(0o600)
+    with pytest.raises(ScenarioError, match="does not hold 32 to 128 hexadecimal digits"):
+        check_key(plan)
+
+
+def test_a_slot_is_deaf_after_four_forgeries() -> None:
+    team = _native.Authenticator(bytes(32), 4, 1)
+    context = Context(0, 2, 1500.0, 0, None)
+    start = {"e_m": 0.0, "n_m": 0.0, "cov_ee_m2": 25.0, "cov_en_m2": 0.0, "cov_nn_m2": 25.0}
+    pair = []
+    for vehicle in (0, 1):
+        navigator = build("mpf", replace(context, vehicle=vehicle), options_of("mpf"), None)
+        pair.append(navigator.authenticated(vehicle, 2, team))
+        pair[-1].handle(_native.Event(0, vehicle, "fix", **start))
+    own, peer = pair
+    slots = {tol_s: peer.transmit(tol_s * 1_000_000_000, 64) for tol_s in (1, 2, 3)}
+
+    def hear(tol_s: int, packet: bytes) -> str:
+        times = {"tol_ns": tol_s * 1_000_000_000, "toa_ns": tol_s * 1_000_000_000 + 1}
+        return own.handle(_native.Event(4_000_000_000, 0, "reception", sender=1, bytes=packet, **times))
+
+    for tol_s, forgeries, heard in ((1, 3, True), (2, 4, False), (3, 0, True)):
+        packet = slots[tol_s]
+        assert packet is not None
+        for k in range(forgeries):
+            assert hear(tol_s, bytes([packet[0] ^ (k + 1)]) + packet[1:]) == "rejected"
+        assert (hear(tol_s, packet) != "rejected") == heard
+
+
 def test_a_key_has_one_place() -> None:
     both = ['acoustics.authentication.key_env="A"', 'acoustics.authentication.key_file="b"']
     with pytest.raises(ScenarioError, match="key_env and key_file: the key has one place"):
@@ -202,7 +318,8 @@ def test_a_key_has_one_place() -> None:
 
 
 def test_a_key_from_the_environment_or_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    named = load("flat-bay", [f"{TAGS}=8", 'acoustics.authentication.key_env="TEAM_KEY"'])
+    mission = "acoustics.authentication.mission=41"
+    named = load("flat-bay", [f"{TAGS}=8", mission, 'acoustics.authentication.key_env="TEAM_KEY"'])
     log = simulate(named, 5)
     with pytest.raises(ScenarioError, match="TEAM_KEY is not set"):
         authenticator_of(log)
@@ -214,9 +331,12 @@ def test_a_key_from_the_environment_or_a_file(tmp_path: Path, monkeypatch: pytes
     assert "not a key" not in str(refused.value)
 
     (tmp_path / "team.key").write_text(KEY)
+    (tmp_path / "team.key").chmod(0o600)
     scenario = tmp_path / "bay.toml"
     text = (Path(uwcoop.__file__).parent / "scenario" / "packaged_scenarios" / "flat-bay.toml").read_text()
-    scenario.write_text(text + '\n[acoustics.authentication]\ntag_bytes = 8\nkey_file = "team.key"\n')
+    scenario.write_text(
+        text + '\n[acoustics.authentication]\ntag_bytes = 8\nkey_file = "team.key"\nmission = 41\n'
+    )
     from_file = authenticator_of(simulate(load(scenario), 5))
     assert from_environment is not None
     assert from_file is not None
@@ -313,10 +433,8 @@ def test_exchange_packets_of_every_layout_carry_tags(size: int, layout: int) -> 
         "duration_s=400",
     )
     plain = uwcoop.run("seafloor-survey", ["landmark"], seed=1, overrides=packet, clouds=False)
-    key = 'acoustics.authentication.key_hex="000102030405060708090a0b0c0d0e0f"'
-    tagged = uwcoop.run(
-        "seafloor-survey", ["landmark"], seed=1, overrides=(*packet, f"{TAGS}=4", key), clouds=False
-    )
+    key = 'acoustics.authentication={tag_bytes=4, mission=7, key_hex="000102030405060708090a0b0c0d0e0f"}'
+    tagged = uwcoop.run("seafloor-survey", ["landmark"], seed=1, overrides=(*packet, key), clouds=False)
     lengths = [np.unique(r.packets["bytes"][r.packets["accepted"]]) for r in (plain, tagged)]
     own_check = size == 8 or layout == 1
     assert lengths[0].tolist() == [size]

@@ -103,10 +103,10 @@ def test_a_file_of_shares_counts_rows_alike(tmp_path: Path) -> None:
 
 BROKEN = [
     ("d,share\n0,1\n", "has no column 'distance_m': it has d, share"),
-    ("", "has no column 'distance_m': it has none"),
-    ("distance_m,share\n0,x\n", "share is 'x' in line 2: must be a finite number"),
-    ("distance_m,share\n0,\n", "share is '' in line 2: must be a finite number"),
-    ("distance_m,share\n0\n", "share is None in line 2: must be a finite number"),
+    ("", "a.csv is empty: it holds no rows"),
+    ("distance_m,share\n0,x\n", "column 'share' holds 'x' in line 2 of a.csv: not a number"),
+    ("distance_m,share\n0,\n", "share is empty in line 2: must be a finite number"),
+    ("distance_m,share\n0\n", "share is empty in line 2: must be a finite number"),
     ("distance_m,share\n", "reception table has 0 distances, 0 shares and 0 weights: must be as many"),
     ("distance_m,share\n0,1\n5,1.5\n", "reception table row 2: share 1.5 must be within 0 to 1"),
 ]

@@ -13,7 +13,7 @@ from uwcoop.charts import Chart, grid_soundings, load_chart
 from uwcoop.errors import ChartError
 from uwcoop.frames import LocalFrame, Origin
 
-pytest.importorskip("verde")
+pytest.importorskip("scipy")
 
 LATITUDE, LONGITUDE = 35.16, 139.61
 
@@ -66,7 +66,7 @@ def test_soundings_in_memory() -> None:
     assert (chart.cell_m, chart.correlation_length_m) == (4.0, 10.0)
     assert (chart.east0_m % 4, chart.north0_m % 4) == (0, 0)
     assert chart.sigma_map_m == pytest.approx(0.0, abs=1e-6)
-    assert "medians of cells, linear between them (verde); holes beyond 10 m" in notes(chart)
+    assert "medians of cells, linear between them; holes beyond 10 m" in notes(chart)
 
 
 def test_cells_far_from_any_sounding_are_holes() -> None:
@@ -102,7 +102,8 @@ def test_chart_error_is_found_from_what_surveys_say_of_each_other() -> None:
     day = np.repeat([0, 1], len(rows) // 2)
     noisy = rows[:, 2] + rng.normal(0, 0.05, len(rows)) + np.where(day == 0, 0.3, -0.3)
     chart = grid_soundings(rows[:, 0], rows[:, 1], noisy, cell_m=4.0, survey=day)
-    assert chart.sigma_map_m == pytest.approx(0.6, abs=0.1)
+    # Two clusters 1.2 m apart: how far the robust spread reaches depends on which holds one sounding more.
+    assert chart.sigma_map_m == pytest.approx(0.6, abs=0.2)
     assert "leaving out one of 2 surveys" in notes(chart)
     one_day = grid_soundings(*rows[day == 0, :2].T, noisy[day == 0], cell_m=4.0)
     assert 0.02 < float(np.max(one_day.sigma_map_m)) < 0.15
@@ -176,9 +177,9 @@ def test_heights_and_feet(tmp_path: Path) -> None:
     is_the_seabed(chart)
     assert "positive up: named 'elevation', and the values agree" in notes(chart)
     feet = write(tmp_path / "f.csv", tracks() / [1, 1, 0.3048], "e,n,depth_ft")
-    with pytest.raises(ChartError, match="depth unit is 'ft', not metres"):
-        load_chart(feet, cell_m=4.0)
-    is_the_seabed(load_chart(feet, cell_m=4.0, depth_unit="ft", sigma_map_m=0.1))
+    for asked in (None, "ft"):
+        is_the_seabed(load_chart(feet, cell_m=4.0, depth_unit=asked, sigma_map_m=0.1))
+    assert "depth unit stated: ft, converted to metres" in notes(load_chart(feet, cell_m=4.0))
 
 
 def test_empty_cells_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -202,15 +203,15 @@ SQUARE = HEADER + "0,0,3\n90,0,3\n0,90,3\n90,90,3\n"
     ("content", "options", "message"),
     [
         ("", {}, "is empty"),
-        ("\n\n", {}, "is empty: it holds no soundings"),
+        ("\n\n", {}, "is empty: it holds no rows"),
         ("hello\n", {}, "first line 'hello' does not hold three columns"),
         ("1,2,3\n2,3,4\n", {}, "has no header: say what its 3 columns are"),
         ("1,2,3\n", {"columns": "lon,lat,depth,survey"}, "has 3 columns, fewer than the 4 of columns"),
         ("a,b,c\n1,2,3\n", {}, "no column for the position .* its header 'a,b,c'"),
         ("e,n,c\n1,2,3\n", {}, "no column for the depth"),
         (HEADER + "1,2,3\n", {"columns": "e,n,q"}, "has no column 'q': it has e, n, depth"),
-        (HEADER + "1,2,3\n4,5,shallow\n", {}, "column 'depth' holds 'shallow' in data row 2: not a number"),
-        (HEADER + "1,2,3,4,5\n1,2,3,4,5,6,7\n", {}, "cannot be read as soundings"),
+        (HEADER + "1,2,3\n4,5,shallow\n", {}, "column 'depth' holds 'shallow' in line 3 of bad.csv: not a number"),
+        (HEADER + "1,2,3,4,5\n1,2,3,4,5,6,7\n", {}, "line 2 has 5 cells, more than the 3"),
         (HEADER + ",,\n", {}, "holds no sounding with a position and a depth"),
         (HEADER + "1,2,3\n2,3,4\n", {}, "2 soundings are too few for a chart: at least 4"),
         (HEADER + "".join(f"{k},{k},5\n" for k in range(50)), {"cell_m": 1.0}, "lie on one line"),
@@ -219,7 +220,7 @@ SQUARE = HEADER + "0,0,3\n90,0,3\n0,90,3\n90,90,3\n"
         ("lon,lat,depth\n1,2,3\n", {"crs": "EPSG:32654"}, "longitudes and latitudes, which crs='EPSG:32654'"),
         ("lat,lon,depth\n139.6,35.1,9\n", {}, "latitude 139.6 deg is outside -90 to 90 deg: are"),
         (HEADER + "1,2,3\n", {"crs": "EPSG:1"}, "projection 'EPSG:1' is unknown"),
-        (SQUARE, {"cell_m": 0.001}, "nodes, above 50,000,000: choose at least"),
+        (SQUARE, {"cell_m": 0.001}, "nodes, above 16,000,000: choose at least"),
         (HEADER + "1,1,3\n900,1,3\n1,900,3\n899,898,3\n", {"cell_m": 70.0, "max_gap_m": 0.1}, "all are holes"),
         (SQUARE, {"cell_m": 9.0}, "to judge the chart's error, below 20: give"),
         (SQUARE, {"max_gap_m": -1.0}, "max_gap_m -1.0 must be finite and above"),
@@ -241,7 +242,7 @@ def test_files_that_are_not_there_or_not_files(tmp_path: Path) -> None:
     with pytest.raises(ChartError, match="is not a file"):
         load_chart(tmp_path)
     (tmp_path / "noise.bin").write_bytes(bytes(range(128, 256)))
-    with pytest.raises(ChartError, match=r"noise\.bin is not a chart: neither GeoTIFF nor NetCDF, nor text"):
+    with pytest.raises(ChartError, match=r"noise\.bin is no text: neither UTF-8"):
         load_chart(tmp_path / "noise.bin")
     (tmp_path / "cut.gz").write_bytes(gzip.compress(b"e,n,depth\n1,2,3\n" * 99)[:30])
     with pytest.raises(ChartError, match="cut"):

@@ -17,7 +17,7 @@ from uwcoop.charts.survey import Surveyed, sail, surveyed_chart
 from uwcoop.errors import ChartError, ScenarioError
 from uwcoop.scenario.chart import Survey
 
-pytest.importorskip("verde")
+pytest.importorskip("scipy")
 
 SEABED = synthetic("st-john", size_m=400)
 PLAN = Survey().plan()

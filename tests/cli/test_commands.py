@@ -78,7 +78,7 @@ def test_help_is_there_fast_without_the_heavy_imports() -> None:
     assert loaded.stdout.strip() == "[]"
     done = in_process("--help")
     assert done.returncode == 0
-    for command in ("demo", "scenarios", "chart", "simulate", "run", "study", "budget", "view"):
+    for command in ("demo", "scenarios", "keys", "chart", "simulate", "run", "study", "budget", "view"):
         assert command in done.stdout
 
 
@@ -212,7 +212,7 @@ def test_chart_reads_soundings_as_told() -> None:
     assert "2 m apart" in told
     depths = re.search(r"depth +([\d.]+) to ([\d.]+) m", told)
     assert depths is not None
-    assert (float(depths[1]), float(depths[2])) == pytest.approx((10.0, 15.8), abs=0.2)
+    assert (float(depths[1]), float(depths[2])) == pytest.approx((10.0, 15.7), abs=0.2)
 
 
 def _bay(path: Path) -> None:
@@ -237,6 +237,37 @@ def test_a_chart_file_takes_the_place_of_the_scenarios() -> None:
     succeeds("run", "bare.mcap", *local, "-n", "mpf", "-o", "added")
     with xr.open_dataset("same/tracks.nc") as a, xr.open_dataset("added/tracks.nc") as b:
         assert a.identical(b)
+
+
+def test_a_packaged_scenario_is_printed_to_start_from(tmp_path: Path) -> None:
+    text = succeeds("scenarios", "flat-bay").stdout
+    (tmp_path / "mine.toml").write_text(text)
+    succeeds("simulate", tmp_path / "mine.toml", "--set", "duration_s=20", "-o", tmp_path / "mine.mcap")
+    assert refusal("scenarios", "flat-boy") == "scenario 'flat-boy' is not packaged: did you mean 'flat-bay'?"
+
+
+def test_keys_are_printed_and_as_json() -> None:
+    shown = succeeds("keys", "acoustics.two_way").stdout
+    assert "acoustics.two_way.poll_bytes" in shown
+    assert "byte" in shown
+    listed = json.loads(succeeds("keys", "acoustics.", "--json").stdout)
+    slot = next(key for key in listed if key["name"] == "acoustics.slot_s")
+    assert (slot["unit"], slot["default"], slot["bound"]) == ("s", "required", "> 0")
+    assert refusal("keys", "acoustic.modem").endswith("did you mean 'acoustics.modem'?")
+
+
+def test_budget_as_json_is_the_plan() -> None:
+    own = (
+        "--set",
+        "acoustics.modem={frame_bytes=24, bits_per_s=80, preamble_s=0.2}",
+        "--set",
+        "acoustics.slot_s=4",
+    )
+    plan = json.loads(succeeds("budget", "flat-bay", "-n", "mpf", "--json", *own).stdout)
+    assert (plan["modem"], plan["frame_bytes"], plan["preamble_s"]) == ("own", 24, 0.2)
+    cost = plan["costs"]["mpf"]
+    assert cost["air_time_s"] == pytest.approx(0.2 + cost["frames"] * 2.4)
+    assert sum(field["bits"] * field["count"] for field in cost["fields"]) == 8 * cost["packet_bytes"]
 
 
 def test_budget_shows_the_arithmetic_and_refuses_what_does_not_fit() -> None:
@@ -401,6 +432,8 @@ def test_a_log_cut_off_or_with_another_chart_is_refused(mission: Path, tmp_path:
 
 def test_outputs_that_cannot_be_are_refused(mission: Path, tmp_path: Path) -> None:
     assert "is a file, the output must be a folder" in refusal("run", mission, "-o", mission)
-    assert "cannot be written" in refusal("simulate", "st-john", *SHORT, "-o", tmp_path / "no" / "m.mcap")
+    assert "there is no such folder" in refusal(
+        "simulate", "st-john", *SHORT, "-o", tmp_path / "no" / "m.mcap"
+    )
     assert uwcoop("simulate", "st-john", "-o", "mission.bag").exit_code == 2
     assert not os.listdir(".")

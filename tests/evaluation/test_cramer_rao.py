@@ -15,7 +15,7 @@ from uwcoop.evaluation import metrics
 from uwcoop.evaluation.cramer_rao import BOUNDS, bound_covariance_m2, bound_m, bounds_of
 from uwcoop.experiment.run import sample_times_ns
 from uwcoop.missionlog import MissionLog
-from uwcoop.navigators import options_of
+from uwcoop.navigators import DRIFT_PRESETS, MpfOptions, options_of
 from uwcoop.scenario import load
 from uwcoop.world.simulate import simulate
 
@@ -111,7 +111,11 @@ def test_the_core_agrees_with_the_information_form(
     told += [f"navigator.team.offset_difference_m={offset_difference_m}"] if offset_difference_m else []
     alone = [] if offset_difference_m else ["navigator.team={}"]
     log = simulate(load("st-john-drift", ["duration_s=60", *alone, *told]), 3)
-    options = options_of("mpf", log.setup).native(0.0)
+    chosen = options_of("mpf", log.setup)
+    assert isinstance(chosen, MpfOptions)
+    # A chart whose error is not correlated: the offset walks by 0.002 m.
+    options = {**chosen.model_dump(), **DRIFT_PRESETS[chosen.drift], "sigma_offset_m_per_sounding": 0.002}
+    options |= chosen.model_dump(exclude_none=True)
     current = 1 - difference**2 / 2 if difference < 1 else 0.0
     offset = 1 - offset_difference_m**2 / 2 if offset_difference_m else 0.0
     want = in_information_form(log, options, 60, current, offset)

@@ -116,7 +116,7 @@ def test_a_failed_write_leaves_nothing_behind(
         with pytest.raises(LogError, match="cannot be written: No space left on device"):
             write_log(log, target)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"what was there"]
-    with pytest.raises(LogError, match="cannot be written: No such file"):
+    with pytest.raises(LogError, match="cannot be written: there is no such folder"):
         write_log(log, tmp_path / "absent" / "log.mcap")
     with pytest.raises(LogError, match="cannot be written: Is a directory"):
         write_log(log, tmp_path)

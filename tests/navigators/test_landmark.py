@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import uwcoop
 from uwcoop.errors import NavigatorError
 from uwcoop.navigators import NAVIGATORS, Context, build, options_of
 from uwcoop.scenario import MissionSetup
@@ -168,3 +169,25 @@ def test_a_navigator_of_each_name_is_made_and_says_that_it_has_not_started(name:
     assert navigator.transmit(0, 128) is None
     numbers = navigator.diagnostics()
     assert "landmark_yaw_rad" in numbers
+
+
+def faulty(fault: str) -> dict[str, Any]:
+    overrides = ["duration_s=420", f"sensors.ground_velocity.faults=[{fault}]"]
+    run = uwcoop.run("seafloor-survey", ["dead-reckoning-dvl"], seed=1, overrides=overrides, clouds=False)
+    merit: dict[str, Any] = run.summary["navigators"]["dead-reckoning-dvl"]["vehicles"]["TT"]
+    end = run.tracks.isel(time=-1).sel(navigator="dead-reckoning-dvl", vehicle="TT")
+    return {**merit, "sigma_m": float(np.sqrt(end.covariance_m2.to_numpy()[0, 0]))}
+
+
+def test_a_minute_without_a_dvl_is_known_to_be_one() -> None:
+    whole, gap = faulty(""), faulty("{kind='dropout', from_s=300, to_s=360}")
+    assert whole["sigma_m"] < 0.5
+    assert gap["sigma_m"] > 10
+    assert gap["final_error_m"] > 2 * whole["final_error_m"]
+    assert gap["anees"] < 5  # it was 2050 when the position was taken as known as ever
+
+
+def test_readings_without_bottom_track_are_rejected() -> None:
+    found = faulty("{kind='value', value=-32.768, from_s=340, to_s=342}")
+    assert found["rejected"] == 10
+    assert found["final_error_m"] < 5

@@ -1,4 +1,4 @@
-"""A run's folder: each file whole or not at all."""
+"""A run's folder: the files of one run, all of them or none."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ import xarray as xr
 
 from uwcoop.experiment.run import RunResult, run
 from uwcoop.report import run_folder as output
-from uwcoop.report.atomic_files import atomic_write
 from uwcoop.scenario import load, parse
 
 
@@ -20,37 +19,29 @@ def result() -> RunResult:
     return run(load("st-john", ["duration_s=60", "navigator.all.particles=100"]), ["dead-reckoning", "dmpf"])
 
 
-def _interrupted(target: Path) -> None:
-    with atomic_write(target) as partial:
-        partial.write_text("half")
-        assert partial.suffix == ".txt"
-        raise KeyboardInterrupt
-
-
-def test_a_file_appears_whole_or_not_at_all(tmp_path: Path) -> None:
-    target = tmp_path / "a.txt"
-    target.write_text("old")
-    with pytest.raises(KeyboardInterrupt):
-        _interrupted(target)
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    assert target.read_text() == "old"
-    with atomic_write(target) as partial:
-        partial.write_text("new")
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-    assert target.read_text() == "new"
-
-
-def test_a_writer_that_fails_leaves_the_other_files_whole(
+def test_a_writer_that_fails_leaves_the_folder_as_it_was(
     result: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def failing(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(output, "_write_map", failing)
-    with pytest.raises(OSError, match="No space"):
-        output.write_run(result, tmp_path / "out", lambda line: None)
-    names = {p.name for p in (tmp_path / "out").iterdir()}
-    assert names == {"summary.json", "scenario.json", "tracks.nc", "errors.png"}
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(output, "_write_map", failing)
+        with pytest.raises(OSError, match="No space"):
+            output.write_run(result, out, lambda line: None)
+        assert not list(tmp_path.iterdir())
+        out.mkdir()
+        for name in ("summary.json", "covariance.png", "mine.txt"):
+            (out / name).write_text("old")
+        with pytest.raises(OSError, match="No space"):
+            output.write_run(result, out, lambda line: None)
+    assert {p.name: p.read_text() for p in out.iterdir()} == dict.fromkeys(
+        ("summary.json", "covariance.png", "mine.txt"), "old"
+    )
+    written = output.write_run(result, out, lambda line: None)
+    assert {p.name for p in out.iterdir()} == {*written, "mine.txt"}, "an earlier run's pictures are gone"
+    assert set(written) < set(output.RUN_FILES)
 
 
 def test_tracks_come_back_from_the_file_bit_for_bit(result: RunResult, tmp_path: Path) -> None:

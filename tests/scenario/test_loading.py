@@ -42,7 +42,7 @@ def test_resolved_says_what_the_author_left_out() -> None:
     assert resolved["metrics"]["settle_s"] == 50.0
     assert resolved["acoustics"]["sound_speed_mps"] == 1500.0
     assert resolved["acoustics"]["range_sigma_m"] == 1.0
-    assert resolved["sensors"]["water_depth"] == {"rate_hz": 1.0, "sigma_m": 0.05}
+    assert resolved["sensors"]["water_depth"] == {"rate_hz": 1.0, "sigma_m": 0.05, "faults": []}
     assert resolved["sensors"]["fix"]["radius_m"] == 10.0
     assert resolved["drift"]["velocity_noise_m_per_sqrt_s"] == 0.05
     assert resolved["vehicles"][1]["speed_mps"] == 1.5
@@ -165,7 +165,7 @@ WRONG = [
     ("sensors.water_depth.sigma=3", "unknown key 'sensors.water_depth.sigma': did you mean 'sigma_m'?"),
     ("vehicles={count = 3, sped_mps = 1}", "unknown key 'vehicles.sped_mps': did you mean 'speed_mps'?"),
     ("current.speed_mps=1", "key 'current.model' is missing"),
-    ("qqq=1", "unknown key 'qqq': known: acoustics, chart,"),
+    ("qqq=1", "unknown key 'qqq': known: acoustics, area, chart,"),
     # values outside their bound
     ("sensors.water_depth.sigma_m=-0.05", "sensors.water_depth.sigma_m is -0.05: must be at least 0"),
     ("acoustics.range_sigma_m=-1", "acoustics.range_sigma_m is -1: must be at least 0"),

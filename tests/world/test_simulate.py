@@ -227,7 +227,7 @@ def test_streams_differ_in_every_part_of_their_name() -> None:
 
 def test_a_chart_file_is_read_with_the_options_of_its_table(tmp_path: Path) -> None:
     pytest.importorskip("scipy")
-    pytest.importorskip("verde")
+    pytest.importorskip("scipy")
     east, north = np.meshgrid(np.arange(0, 301, 4.0), np.arange(0, 301, 4.0))
     up = -(10 + 0.02 * east + 0.01 * north)
     rows = "".join(f"{e},{n},{z}\n" for e, n, z in zip(east.flat, north.flat, up.flat, strict=True))

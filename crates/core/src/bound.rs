@@ -23,8 +23,9 @@ use recursion::Recursion;
 
 use crate::chart::Chart;
 use crate::error::{Error, finite, non_negative, positive};
-use crate::event::{VehicleId, check_covariance};
+use crate::event::{VehicleId, check_fix_covariance};
 use crate::navigator::drift::Drift;
+use crate::navigator::settings::{MpfSettings, TeamSettings};
 
 /// What the team knows of its world: the model of `mpf`, whose options these are.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -192,6 +193,28 @@ impl TrueTracks {
 }
 
 impl BoundModel {
+    /// What `mpf` is told of its world, and `team` of the water that vehicles share; all counted, at the true gradients.
+    #[must_use]
+    pub fn of(mpf: &MpfSettings, team: &TeamSettings, chart: Option<&Chart>) -> Self {
+        let terrain = mpf.terrain.options(chart, mpf.drift.options());
+        Self {
+            drift: terrain.drift,
+            bias_states: mpf.terrain.bias_states,
+            sigma_depth_m: terrain.sigma_depth_m,
+            sigma_offset0_m: terrain.sigma_offset0_m,
+            sigma_offset_m_per_sounding: terrain.sigma_offset_m_per_sounding,
+            correlation_length_m: terrain.correlation_length_m,
+            sigma_map_m: terrain.sigma_map_m,
+            sounding_spacing_m: terrain.sounding_spacing_m,
+            sigma_range_m: mpf.range.sigma_range_m,
+            current_difference: team.current_difference,
+            offset_difference_m: team.offset_difference_m.unwrap_or(f64::INFINITY),
+            terrain: true,
+            ranges: true,
+            linearised: false,
+        }
+    }
+
     fn validate(&self) -> Result<(), Error> {
         self.drift.validate()?;
         positive("sigma_offset0_m", self.sigma_offset0_m)?;
@@ -251,7 +274,7 @@ fn check(vehicles: usize, observations: &[(i64, Observation)]) -> Result<(), Err
         match *observation {
             Observation::Fix { vehicle, covariance_m2 } => {
                 known(vehicle)?;
-                check_covariance("fix covariance, m²", covariance_m2)?;
+                check_fix_covariance(covariance_m2)?;
             }
             Observation::Sounding { vehicle, sigma_m } => {
                 known(vehicle)?;

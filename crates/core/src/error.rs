@@ -26,6 +26,20 @@ pub enum Error {
         /// The bound in words.
         bound: &'static str,
     },
+    /// A number outside its least and greatest value.
+    #[error("{quantity} is {value}, outside {open}{minimum} to {maximum}")]
+    OutsideBounds {
+        /// What the number means, with its unit.
+        quantity: &'static str,
+        /// Its value.
+        value: f64,
+        /// "above " where the least value itself is refused.
+        open: &'static str,
+        /// Least value.
+        minimum: f64,
+        /// Greatest value.
+        maximum: f64,
+    },
     /// An event older than what the navigator has already advanced to.
     #[error("event at {event_ns} ns is before the navigator's time {now_ns} ns")]
     FromThePast {
@@ -76,6 +90,16 @@ pub enum Error {
         found: usize,
         /// Entries expected.
         expected: usize,
+    },
+    /// An option of a navigator that it does not have, does not read, or whose value it cannot take.
+    #[error("navigator.{navigator}.{option}: {reason}")]
+    Setting {
+        /// The navigator, or its method.
+        navigator: &'static str,
+        /// The option.
+        option: String,
+        /// Why.
+        reason: String,
     },
     /// A packet longer than its slot allows.
     #[error("packet of {bytes} bytes exceeds the slot's capacity of {capacity} bytes")]

@@ -1,10 +1,19 @@
 //! What can happen to a vehicle, stamped.
 
+mod bounds;
+mod kind;
+
 use std::sync::Arc;
 
+use nalgebra::{Matrix2, Matrix3};
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, finite, non_negative, positive};
+pub use bounds::{BOUNDS, Bound, CORRELATION_SLACK, TIME_NS, TRAVEL_NS, check_time, check_travel};
+
+pub use kind::{Class, Kind};
+
+use crate::error::Error;
+use bounds::{check_span, check_triangle};
 
 /// Index of a vehicle in its mission.
 pub type VehicleId = u16;
@@ -127,19 +136,6 @@ pub enum Payload {
     },
 }
 
-/// Order of events at one instant (DESIGN: sensors, receptions, transmissions, role changes).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Class {
-    /// Anything that a sensor says.
-    Sensor,
-    /// An arriving packet, or word of a delivery.
-    Reception,
-    /// A transmit slot.
-    Transmit,
-    /// Landing, lifting off, roles.
-    Role,
-}
-
 impl Payload {
     /// Where the event stands among others of the same instant.
     #[must_use]
@@ -151,102 +147,135 @@ impl Payload {
         }
     }
 
-    /// Refuses numbers that no sensor can mean.
+    /// Which kind of event it is.
+    #[must_use]
+    pub fn kind(&self) -> Kind {
+        match self {
+            Self::Motion { .. } => Kind::Motion,
+            Self::Odometry { .. } => Kind::Odometry,
+            Self::WaterDepth { .. } => Kind::WaterDepth,
+            Self::Depth { .. } => Kind::Depth,
+            Self::Heading { .. } => Kind::Heading,
+            Self::TurnRate { .. } => Kind::TurnRate,
+            Self::GroundVelocity { .. } => Kind::GroundVelocity,
+            Self::Fix { .. } => Kind::Fix,
+            Self::AcousticFix { .. } => Kind::AcousticFix,
+            Self::Landed => Kind::Landed,
+            Self::LiftedOff => Kind::LiftedOff,
+            Self::RoleTaken { .. } => Kind::RoleTaken,
+            Self::Reception { .. } => Kind::Reception,
+            Self::Delivered { .. } => Kind::Delivered,
+        }
+    }
+
+    /// Refuses numbers outside [`BOUNDS`] and covariances that are none.
     ///
     /// # Errors
-    /// [`Error::NotFinite`], [`Error::OutOfBound`] or [`Error::NotPositive`] with the quantity and its value.
+    /// [`Error::NotFinite`], [`Error::OutsideBounds`] or [`Error::NotPositiveDefinite`] with the quantity.
     pub fn validate(&self) -> Result<(), Error> {
         match self {
             Self::Motion { velocity_mps: [e, n] } => {
-                within("motion east velocity, m/s", *e, SPEED_MPS)?;
-                within("motion north velocity, m/s", *n, SPEED_MPS)?;
+                bounds::MOTION_E.check(*e)?;
+                bounds::MOTION_N.check(*n)
             }
             Self::Odometry { displacement_m: [f, l], yaw_change_rad, covariance } => {
-                finite("odometry forward displacement, m", *f)?;
-                finite("odometry left displacement, m", *l)?;
-                finite("odometry yaw change, rad", *yaw_change_rad)?;
-                for value in covariance {
-                    finite("odometry covariance", *value)?;
-                }
-                for value in [covariance[0], covariance[3], covariance[5]] {
-                    non_negative("odometry variance", value)?;
-                }
+                bounds::ODOMETRY_FORWARD.check(*f)?;
+                bounds::ODOMETRY_LEFT.check(*l)?;
+                bounds::ODOMETRY_YAW.check(*yaw_change_rad)?;
+                check_odometry(covariance)
             }
             Self::WaterDepth { water_depth_m, sigma_m } => {
-                non_negative("water depth, m", *water_depth_m)?;
-                within("water depth, m", *water_depth_m, DISTANCE_M)?;
-                non_negative("water depth sigma, m", *sigma_m)?;
+                bounds::WATER_DEPTH.check(*water_depth_m)?;
+                bounds::WATER_DEPTH_SIGMA.check(*sigma_m)
             }
             Self::Depth { depth_m, sigma_m } => {
-                // A depth sensor at the surface reads a little above it.
-                within("depth, m", *depth_m, DISTANCE_M)?;
-                non_negative("depth sigma, m", *sigma_m)?;
+                bounds::DEPTH.check(*depth_m)?;
+                bounds::DEPTH_SIGMA.check(*sigma_m)
             }
             Self::Heading { yaw_rad, sigma_rad } => {
-                finite("heading yaw, rad", *yaw_rad)?;
-                non_negative("heading sigma, rad", *sigma_rad)?;
+                bounds::HEADING.check(*yaw_rad)?;
+                bounds::HEADING_SIGMA.check(*sigma_rad)
             }
             Self::TurnRate { yaw_rate_radps, sigma_radps } => {
-                finite("turn rate, rad/s", *yaw_rate_radps)?;
-                non_negative("turn rate sigma, rad/s", *sigma_radps)?;
+                bounds::TURN_RATE.check(*yaw_rate_radps)?;
+                bounds::TURN_RATE_SIGMA.check(*sigma_radps)
             }
             Self::GroundVelocity { velocity_mps: [f, l], sigma_mps } => {
-                finite("ground velocity forward, m/s", *f)?;
-                finite("ground velocity left, m/s", *l)?;
-                non_negative("ground velocity sigma, m/s", *sigma_mps)?;
+                bounds::GROUND_FORWARD.check(*f)?;
+                bounds::GROUND_LEFT.check(*l)?;
+                bounds::GROUND_SIGMA.check(*sigma_mps)
             }
-            Self::Fix { position_m: [e, n], covariance_m2 } => {
-                within("fix east, m", *e, DISTANCE_M)?;
-                within("fix north, m", *n, DISTANCE_M)?;
-                check_covariance("fix covariance, m²", *covariance_m2)?;
+            Self::Fix { position_m: [e, n], covariance_m2: [ee, en, nn] } => {
+                bounds::FIX_E.check(*e)?;
+                bounds::FIX_N.check(*n)?;
+                check_fix_covariance([*ee, *en, *nn])
             }
             Self::AcousticFix { range_m, own_bearing_rad, peer_bearing_rad, .. } => {
-                if let Some(range) = range_m {
-                    positive("acoustic range, m", *range)?;
-                }
-                for bearing in [own_bearing_rad, peer_bearing_rad].into_iter().flatten() {
-                    finite("acoustic bearing, rad", *bearing)?;
-                }
+                range_m.map_or(Ok(()), |m| bounds::ACOUSTIC_RANGE.check(m))?;
+                own_bearing_rad.map_or(Ok(()), |rad| bounds::ACOUSTIC_OWN.check(rad))?;
+                peer_bearing_rad.map_or(Ok(()), |rad| bounds::ACOUSTIC_PEER.check(rad))
             }
-            Self::Reception { tol_ns, toa_ns, .. } => {
-                if toa_ns < tol_ns {
-                    return Err(Error::OutOfBound {
-                        quantity: "travel time (toa − tol), s",
-                        value: toa_ns.saturating_sub(*tol_ns) as f64 * 1e-9,
-                        bound: "0 and above",
-                    });
-                }
-            }
-            Self::Landed | Self::LiftedOff | Self::RoleTaken { .. } | Self::Delivered { .. } => {}
+            Self::Landed
+            | Self::LiftedOff
+            | Self::RoleTaken { .. }
+            | Self::Reception { .. }
+            | Self::Delivered { .. } => Ok(()),
         }
-        Ok(())
     }
 }
 
-/// Faster than anything that swims, m/s: beyond it sums over a mission would lose their digits.
-const SPEED_MPS: (f64, &str) = (1e4, "-10,000 to 10,000");
-/// Further than around the Earth, m.
-const DISTANCE_M: (f64, &str) = (1e8, "-1e8 to 1e8");
+/// Nothing that a DVL rides on goes faster over ground, m/s: a reading above it says that there is none.
+pub const GROUND_SPEED_MAX_MPS: f64 = 30.0;
 
-/// Refuses what is not finite or larger than any honest source would say.
-fn within(quantity: &'static str, value: f64, (limit, bound): (f64, &'static str)) -> Result<(), Error> {
-    finite(quantity, value)?;
-    if value.abs() > limit {
-        return Err(Error::OutOfBound { quantity, value, bound });
-    }
-    Ok(())
-}
-
-/// Refuses a covariance [xx, xy, yy] that is not finite or not positive semi-definite.
+/// Refuses a fix covariance [ee, en, nn] that keeps no bound or is not positive semi-definite.
 ///
 /// # Errors
-/// [`Error::NotFinite`], [`Error::NotPositive`].
-pub fn check_covariance(quantity: &'static str, [xx, xy, yy]: [f64; 3]) -> Result<(), Error> {
-    for value in [xx, xy, yy] {
-        finite(quantity, value)?;
+/// [`Error::NotFinite`], [`Error::OutsideBounds`], [`Error::NotPositiveDefinite`].
+pub fn check_fix_covariance([ee, en, nn]: [f64; 3]) -> Result<(), Error> {
+    bounds::FIX_EE.check(ee)?;
+    bounds::FIX_EN.check(en)?;
+    bounds::FIX_NN.check(nn)?;
+    check_triangle("fix covariance", &Matrix2::new(ee, en, en, nn))
+}
+
+fn check_odometry(covariance: &[f64; 6]) -> Result<(), Error> {
+    let [ff, fl, fy, ll, ly, yy] = *covariance;
+    for (bound, value) in [
+        (&bounds::ODOMETRY_FF, ff),
+        (&bounds::ODOMETRY_FL, fl),
+        (&bounds::ODOMETRY_FY, fy),
+        (&bounds::ODOMETRY_LL, ll),
+        (&bounds::ODOMETRY_LY, ly),
+        (&bounds::ODOMETRY_YY, yy),
+    ] {
+        bound.check(value)?;
     }
-    if xx < 0.0 || yy < 0.0 || xy * xy > xx * yy * (1.0 + 1e-9) + 1e-18 {
-        return Err(Error::NotPositive { quantity, value: [xx, xy, xy, yy] });
+    check_triangle("odometry covariance", &Matrix3::new(ff, fl, fy, fl, ll, ly, fy, ly, yy))
+}
+
+impl Event {
+    /// Refuses what no honest source could send: numbers outside their bounds, and times that contradict each other.
+    ///
+    /// # Errors
+    /// What [`Payload::validate`] says; [`Error::OutsideBounds`] for a time more than [`TIME_NS`] off the epoch, a signal
+    /// that arrived before it was launched, travelled longer than [`TRAVEL_NS`], or arrived after the event itself.
+    pub fn validate(&self) -> Result<(), Error> {
+        check_time("event t_ns", self.t_ns)?;
+        match self.payload {
+            Payload::Reception { tol_ns, toa_ns, .. } => {
+                check_travel(tol_ns, toa_ns)?;
+                check_span("time from arrival to the end of decoding, s", toa_ns, self.t_ns, i64::MAX)
+            }
+            Payload::AcousticFix { transmit_ns, .. } => {
+                check_time("acoustic_fix transmit_ns", transmit_ns)?;
+                check_span("duration of an acoustic fix, s", transmit_ns, self.t_ns, TRAVEL_NS)?;
+                self.payload.validate()
+            }
+            Payload::Delivered { tol_ns, .. } => {
+                check_time("delivered tol_ns", tol_ns)?;
+                check_span("time from launch to delivery, s", tol_ns, self.t_ns, i64::MAX)
+            }
+            _ => self.payload.validate(),
+        }
     }
-    Ok(())
 }

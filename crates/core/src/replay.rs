@@ -3,7 +3,7 @@
 //! The next thing to happen is the least of the next event, the next transmit slot, the next packet to be decoded and
 //! the next instant to record, in the order (time, class, vehicle, arrival). Losses belong to the mission: each
 //! opportunity carries one uniform draw per frame, and a packet arrives if every frame that *this* packet needs
-//! survives.
+//! survives. A packet that does not fit its fields or its slot is silence in that slot, and counted.
 
 mod authenticated;
 mod estimators;
@@ -24,6 +24,7 @@ pub use record::{CloudRecord, PacketRecord, Record, Tracks};
 
 use crate::error::Error;
 use crate::event::{Class, Event, Payload, VehicleId};
+use crate::link::Slot;
 use crate::navigator::Outcome;
 use crate::navigator::snapshot::{load, save};
 
@@ -56,6 +57,14 @@ pub struct Replay {
     team: Estimators,
     cursor: Cursor,
     record: Record,
+}
+
+/// A packet and what it takes of the channel.
+struct Launched {
+    bytes: Arc<[u8]>,
+    length: usize,
+    frames: usize,
+    air_time_ns: i64,
 }
 
 /// What happens next.
@@ -171,7 +180,7 @@ impl Replay {
         if outcome == Outcome::Fused {
             self.record.accepted(record, self.team.information_nat(receiver));
         }
-        if self.team.needs_delivery_oracle(sender) {
+        if self.team.profile(sender).is_some_and(|profile| profile.needs_delivery_oracle) {
             self.team.handle(&Event {
                 t_ns,
                 vehicle: sender,
@@ -181,23 +190,41 @@ impl Replay {
         Ok(())
     }
 
+    /// What a packet takes of its slot, with `reply_bytes` of a poll's answer beside it.
+    fn on_air(&self, slot: &Slot, bytes: Arc<[u8]>, reply_bytes: u32) -> Result<Launched, Error> {
+        let length = self.team.packet_length(&bytes);
+        self.mission.slots.check_packet(slot.sender, slot.tol_ns, length)?;
+        let length = length + reply_bytes as usize;
+        let frames = self.mission.link.frames_needed(length)?;
+        let air_time_ns = self.mission.link.air_time_ns(length)?;
+        Ok(Launched { bytes, length, frames, air_time_ns })
+    }
+
     /// A transmit slot: ask for the packet, and let the mission's draws say who hears it.
     fn slot(&mut self) -> Result<(), Error> {
         let slot = self.mission.slots.slots()[self.cursor.slot];
         self.cursor.slot += 1;
         let poll = self.mission.poll_of(&slot).copied();
-        if let Some(poll) = poll.filter(|poll| self.team.takes_ranges(poll.poller)) {
+        if let Some(poll) =
+            poll.filter(|poll| self.team.profile(poll.poller).is_some_and(|profile| profile.takes_ranges))
+        {
             self.record.polled(poll);
         }
         if poll.is_some_and(|poll| !poll.answered) {
             return Ok(());
         }
-        let Some(bytes) = self.team.transmit(&slot)? else { return Ok(()) };
-        let length = self.team.packet_length(&bytes);
-        self.mission.slots.check_packet(slot.sender, slot.tol_ns, length)?;
-        let length = length + poll.map_or(0, |poll| poll.reply_bytes as usize);
-        let frames = self.mission.link.frames_needed(length)?;
-        let air_time_ns = self.mission.link.air_time_ns(length)?;
+        let launched = self.team.transmit(&slot).and_then(|packet| {
+            packet.map(|bytes| self.on_air(&slot, bytes, poll.map_or(0, |p| p.reply_bytes))).transpose()
+        });
+        let Launched { bytes, length, frames, air_time_ns } = match launched {
+            Ok(Some(launched)) => launched,
+            Ok(None) => return Ok(()),
+            Err(Error::Packet(_) | Error::PacketTooLong { .. } | Error::Link(_)) => {
+                self.record.unsent(slot.sender);
+                return Ok(());
+            }
+            Err(error) => return Err(error),
+        };
         self.record.sent(slot.sender, slot.tol_ns, length);
         for o in self.mission.opportunities_of(&slot) {
             let survives = |k| o.draws.get(k).is_some_and(|draw| *draw < o.survive_probability);
@@ -216,7 +243,7 @@ impl Replay {
             if received {
                 self.cursor.order += 1;
                 self.cursor.in_flight.push(Reverse(Arrival {
-                    t_ns: o.toa_ns + air_time_ns,
+                    t_ns: o.toa_ns.saturating_add(air_time_ns),
                     receiver: o.receiver,
                     order: self.cursor.order,
                     sender: o.sender,

@@ -9,7 +9,7 @@ use uwcoop_core::chart::Chart;
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload};
 use uwcoop_core::information::replica::Methods;
-use uwcoop_core::link::{Authenticator, ReplayGuard};
+use uwcoop_core::link::{Authenticator, FailedTags, ReplayGuard};
 use uwcoop_core::navigator::authenticated::Authenticated;
 use uwcoop_core::navigator::origin::interleaved::{Interleaved, InterleavedOptions};
 use uwcoop_core::navigator::origin::local_options::LocalOptions;
@@ -183,6 +183,27 @@ fn authentic_packets_pass_once_with_every_kind_of_packet() {
 }
 
 #[test]
+fn a_slot_is_deaf_after_a_few_forgeries_and_the_next_is_not() {
+    for forgeries in [FailedTags::MOST - 1, FailedTags::MOST] {
+        let (mut peer, mut own) = pair(0, 4);
+        let honest: Vec<_> = (0..2).map(|k| peer.transmit(NOW + SECOND + k, 64).unwrap().unwrap()).collect();
+        let mut forged = honest[0].to_vec();
+        for k in 0..forgeries {
+            forged[0] ^= 1 + k as u8;
+            assert_eq!(own.handle(&heard(PEER, NOW + SECOND, &forged)).unwrap(), Outcome::Rejected);
+            forged[0] ^= 1 + k as u8;
+        }
+        let said = own.handle(&heard(PEER, NOW + SECOND, &honest[0])).unwrap();
+        assert_eq!(said == Outcome::Rejected, forgeries >= FailedTags::MOST);
+        // A snapshot keeps the count.
+        let (_, mut restored) = pair(0, 4);
+        restored.restore(&own.snapshot().unwrap()).unwrap();
+        assert_eq!(restored.handle(&heard(PEER, NOW + SECOND, &honest[0])).unwrap(), Outcome::Rejected);
+        assert_ne!(own.handle(&heard(PEER, NOW + SECOND + 1, &honest[1])).unwrap(), Outcome::Rejected);
+    }
+}
+
+#[test]
 fn an_older_packet_kept_back_is_a_replay() {
     let (mut peer, mut own) = pair(0, 4);
     let kept = peer.transmit(NOW + SECOND, 64).unwrap().unwrap();
@@ -329,8 +350,12 @@ fn assault(tries: usize, seed: u64, look_every: usize) {
         let counted = own.unauthentic();
         let before = own.inner().snapshot().unwrap();
         let mut random = Random(seed ^ index as u64);
+        let key = authenticator(8);
         for k in 0..tries.div_ceil(count) {
             let (sender, tol_ns, bytes) = forged(&mut random, &known);
+            // A receiver is soon deaf in these slots: whether the tag would have passed is asked apart.
+            let passes = key.check_tag(&bytes, sender, tol_ns).is_ok();
+            assert!(!passes || known.contains(&(sender, tol_ns, bytes.clone().into())), "{name}: {bytes:?}");
             let said = own.handle(&heard(sender, tol_ns, &bytes)).unwrap();
             assert_eq!(said, Outcome::Rejected, "{name}: {bytes:?} of {sender} at {tol_ns}");
             if k % look_every == 0 {

@@ -6,7 +6,7 @@ mod seafloor;
 
 use seafloor::*;
 use uwcoop_core::event::Payload;
-use uwcoop_core::navigator::landmark::model::wrap;
+use uwcoop_core::measurement::angle::wrap;
 use uwcoop_core::navigator::landmark::{Landmark, LandmarkOptions, LandmarkPaper};
 use uwcoop_core::navigator::{Navigator, Outcome, Status};
 use uwcoop_core::packet::landmark::ExchangeSize;
@@ -396,5 +396,92 @@ fn who_has_nothing_to_say_is_silent_and_a_slot_too_short_is_refused() {
         team[1].handle(&event(sea.t_ns, 1, Payload::Landed)).unwrap();
         assert!(team[1].transmit(sea.t_ns, 31).is_err(), "{name}");
         assert_eq!(team[1].transmit(sea.t_ns, 32).unwrap().unwrap().len(), 32, "{name}");
+    }
+}
+
+fn dead_reckoning() -> Landmark {
+    let options = LandmarkOptions { use_fixes: false, particles: 0, ..robust_options() };
+    Landmark::new(1, 2, options, 3).unwrap()
+}
+
+/// 1 m/s east for `seconds`, the DVL told by `reading`; the estimate at the end.
+fn swim(
+    navigator: &mut Landmark,
+    seconds: i64,
+    reading: impl Fn(i64) -> Option<[f64; 2]>,
+) -> (Vec<Outcome>, uwcoop_core::navigator::Estimate) {
+    let event = |t_ns: i64, payload: Payload| uwcoop_core::event::Event { t_ns, vehicle: 1, payload };
+    let fix = Payload::Fix { position_m: [0.0; 2], covariance_m2: [1.0, 0.0, 1.0] };
+    navigator.handle(&event(0, fix)).unwrap();
+    navigator.handle(&event(0, Payload::Heading { yaw_rad: 0.0, sigma_rad: 0.001 })).unwrap();
+    let mut outcomes = Vec::new();
+    for s in 0..=seconds {
+        let t_ns = s * 1_000_000_000;
+        let gyro = Payload::TurnRate { yaw_rate_radps: 0.0, sigma_radps: 1e-4 };
+        navigator.handle(&event(t_ns, gyro)).unwrap();
+        if let Some(velocity_mps) = reading(s) {
+            let dvl = Payload::GroundVelocity { velocity_mps, sigma_mps: 0.01 };
+            outcomes.push(navigator.handle(&event(t_ns, dvl)).unwrap());
+        }
+    }
+    (outcomes, navigator.estimate(seconds * 1_000_000_000))
+}
+
+#[test]
+fn without_a_dvl_dead_reckoning_grows_uncertain() {
+    let whole = swim(&mut dead_reckoning(), 200, |_| Some([1.0, 0.0])).1;
+    let gap = |from: i64, to: i64| {
+        swim(&mut dead_reckoning(), 200, move |s| (s < from || s > to).then_some([1.0, 0.0])).1
+    };
+    let sixty = gap(100, 159);
+    // q a³ / 3 with q = 0.01 m²/s³, as of `local-only`, of the 59 s beyond two that the last velocity holds for.
+    let grown = sixty.covariance_m2[0] - whole.covariance_m2[0];
+    assert!((grown / (0.01 / 3.0 * 59f64.powi(3)) - 1.0).abs() < 0.01, "{grown}");
+    let early = gap(0, 59);
+    let grown = early.covariance_m2[2] - whole.covariance_m2[2];
+    assert!((grown / (0.01 / 3.0 * 58f64.powi(3)) - 1.0).abs() < 0.01, "{grown}");
+    // A single reading that is missing costs nothing; an estimate ahead of the last reading does.
+    assert!((gap(100, 100).covariance_m2[0] - whole.covariance_m2[0]).abs() < 1e-9);
+    let mut navigator = dead_reckoning();
+    swim(&mut navigator, 100, |_| Some([1.0, 0.0]));
+    let ahead = navigator.estimate(160_000_000_000).covariance_m2[2];
+    assert!(ahead > 600.0, "{ahead}");
+}
+
+#[test]
+fn a_dvl_without_bottom_track_is_gated_and_counted() {
+    for no_velocity in [[-32.768, -32.768], [-32.768, 0.0], [0.0, 31.0]] {
+        let mut navigator = dead_reckoning();
+        let read = |s: i64| Some(if (100..110).contains(&s) { no_velocity } else { [1.0, 0.0] });
+        let (outcomes, estimate) = swim(&mut navigator, 200, read);
+        assert_eq!(outcomes.iter().filter(|o| **o == Outcome::Gated).count(), 10);
+        assert_eq!(estimate.rejected, 10);
+        assert!((estimate.mean_m[0] - 200.0).abs() < 1e-6, "{:?}", estimate.mean_m);
+        let local = swim(&mut dead_reckoning(), 200, |_| Some([1.0, 0.0])).1;
+        assert!(estimate.covariance_m2[0] > local.covariance_m2[0] + 1.0, "ten seconds without a velocity");
+    }
+}
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(32))]
+
+    /// However events split the time, the same gap costs the same.
+    #[test]
+    fn the_drift_does_not_depend_on_how_time_is_cut(gap_s in 3i64..90, cut in 1i64..20) {
+        let ends = |step: i64| {
+            let mut navigator = dead_reckoning();
+            swim(&mut navigator, 10, |_| Some([1.0, 0.0]));
+            for s in (11..=10 + gap_s).filter(|s| s % step == 0) {
+                let gyro = Payload::TurnRate { yaw_rate_radps: 0.0, sigma_radps: 0.0 };
+                let event = uwcoop_core::event::Event { t_ns: s * 1_000_000_000, vehicle: 1, payload: gyro };
+                navigator.handle(&event).unwrap();
+            }
+            let late = (10 + gap_s) * 1_000_000_000;
+            let estimate = navigator.estimate(late);
+            estimate.covariance_m2[2]
+        };
+        let drift = 0.01 / 3.0 * (gap_s as f64 - 2.0).max(0.0).powi(3);
+        proptest::prop_assert!(((ends(1) - ends(cut)) / drift.max(1e-3)).abs() < 0.05);
+        proptest::prop_assert!(ends(cut) > drift);
     }
 }

@@ -271,9 +271,14 @@ fn the_deif_is_refused_where_it_cannot_work() {
     let error = Deif::new(0, &[true, true], local(), Repair::Oracle, SOUND).err().unwrap();
     assert!(error.to_string().contains("one-way"), "{error}");
     assert!(Deif::new(0, &[false, true, true], local(), Repair::Repeat(3), SOUND).is_err());
-    assert!(Deif::new(0, &[false, true], local(), Repair::Oracle, SOUND).unwrap().needs_delivery_oracle());
     assert!(
-        !Deif::new(0, &[false, true], local(), Repair::Repeat(3), SOUND).unwrap().needs_delivery_oracle()
+        Deif::new(0, &[false, true], local(), Repair::Oracle, SOUND).unwrap().profile().needs_delivery_oracle
+    );
+    assert!(
+        !Deif::new(0, &[false, true], local(), Repair::Repeat(3), SOUND)
+            .unwrap()
+            .profile()
+            .needs_delivery_oracle
     );
 }
 

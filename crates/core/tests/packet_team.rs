@@ -3,7 +3,8 @@
 
 use proptest::prelude::*;
 use uwcoop_core::packet::{
-    FixSays, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport, append_crc,
+    FixSays, Header, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport,
+    append_crc,
 };
 
 const SENDER: u16 = 1;
@@ -98,7 +99,7 @@ proptest! {
         read.decode(&bytes, &layout, SENDER, TOL).unwrap();
         prop_assert_eq!(read.sequence, report.sequence);
         prop_assert_eq!(read.window_s, report.window_s);
-        prop_assert!((read.depth_m - report.depth_m).abs() <= 0.05 + 1e-9);
+        prop_assert!((read.depth_m - report.depth_m).abs() <= 0.5 * Header::depth_step_m(report.depth_m) + 1e-9);
         for axis in 0..2 {
             prop_assert!(apart(read.position_m[axis], report.position_m[axis], read.position_modulus_m) <= 0.0625 + 1e-6);
             let (mut a, mut b) = (0.0, 0.0);

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex};
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Class, Event, Payload, VehicleId};
 use uwcoop_core::link::{LinkConfig, Slot};
-use uwcoop_core::navigator::{CentralEstimator, Estimate, Navigator, Outcome, Status};
+use uwcoop_core::navigator::{CentralEstimator, Estimate, Kinds, Navigator, Outcome, Profile, Status};
 use uwcoop_core::random::{Purpose, Streams};
 use uwcoop_core::replay::{Estimators, Mission, Opportunity, Replay, Tracks};
 use world::*;
@@ -70,8 +70,13 @@ impl Navigator for Fake {
         Ok(())
     }
 
-    fn needs_delivery_oracle(&self) -> bool {
-        self.oracle
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: true,
+            has_checksum: false,
+            needs_delivery_oracle: self.oracle,
+            uses: Kinds::all(),
+        }
     }
 }
 
@@ -270,12 +275,74 @@ fn word_of_a_delivery_goes_to_those_who_ask_for_it_only() {
 }
 
 #[test]
-fn a_packet_over_its_slot_or_its_modem_stops_the_replay() {
+fn a_packet_over_its_slot_or_its_modem_is_silence_in_that_slot_and_counted() {
     for (capacity_bytes, packet_bytes) in [(31, 32), (4096, 129)] {
-        let slots = vec![Slot { tol_ns: SECOND, sender: 0, capacity_bytes }];
-        let mission = Mission::new(1, link(), vec![], slots, vec![], 9 * SECOND).unwrap();
-        let refused = run(mission, fakes(&Seen::default(), &[packet_bytes], &[false]));
-        assert!(matches!(refused, Err(Error::Link(_))), "{refused:?}");
+        let seen = Seen::default();
+        let slots = vec![Slot { tol_ns: SECOND, sender: 0, capacity_bytes }, slot(3 * SECOND, 1)];
+        let opportunities =
+            vec![opportunity(SECOND, 0, 1, 2 * SECOND), opportunity(3 * SECOND, 1, 0, 4 * SECOND)];
+        let mission = Mission::new(2, link(), vec![], slots, opportunities, 9 * SECOND).unwrap();
+        let tracks = run(mission, fakes(&seen, &[packet_bytes, 8], &[false; 2])).unwrap();
+        // By vehicle, at the start and at the end.
+        assert_eq!(tracks.unsent, [0, 1, 0, 0]);
+        assert_eq!(tracks.sent, [(1, 3 * SECOND, 8)], "the others go on");
+        assert_eq!(tracks.packets.len(), 1);
+    }
+}
+
+/// A navigator that fails in a way that no slot explains.
+struct Broken;
+
+impl Navigator for Broken {
+    fn handle(&mut self, _event: &Event) -> Result<Outcome, Error> {
+        Ok(Outcome::Noted)
+    }
+
+    fn transmit(&mut self, _tol_ns: i64, _capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
+        Err(Error::External("broken".into()))
+    }
+
+    fn estimate(&self, t_ns: i64) -> Estimate {
+        nothing(t_ns)
+    }
+
+    fn snapshot(&self) -> Result<Vec<u8>, Error> {
+        Ok(Vec::new())
+    }
+
+    fn restore(&mut self, _snapshot: &[u8]) -> Result<(), Error> {
+        Ok(())
+    }
+
+    fn profile(&self) -> Profile {
+        Profile { takes_ranges: true, has_checksum: false, needs_delivery_oracle: false, uses: Kinds::all() }
+    }
+}
+
+#[test]
+fn an_error_that_is_no_misfit_stops_the_replay() {
+    let mission = Mission::new(1, link(), vec![], vec![slot(SECOND, 0)], vec![], 9 * SECOND).unwrap();
+    let refused = run(mission, Estimators::Each(vec![Box::new(Broken)]));
+    assert_eq!(refused.unwrap_err(), Error::External("broken".into()));
+}
+
+#[test]
+fn a_vehicle_too_far_or_too_deep_for_its_packet_keeps_silent_and_the_others_go_on() {
+    let chart = rich();
+    // Beyond 32.768 km, more uncertain than 3,922 m, and deeper than any field; each for itself.
+    for (name, position_m, variance_m2, depth_m, silent) in [
+        ("far", [40_000.0, 0.0], 25.0, 3.0, true),
+        ("lost", [0.0, 0.0], 1e8, 3.0, true),
+        ("deepest", [0.0, 0.0], 25.0, 10_935.0, false),
+    ] {
+        let events =
+            vec![fix(0, 0, position_m, variance_m2), depth(0, 0, depth_m), fix(0, 1, [100.0, 0.0], 25.0)];
+        let slots = vec![slot(SECOND, 0), slot(3 * SECOND, 1)];
+        let mission = Mission::new(2, link(), events, slots, vec![], 9 * SECOND).unwrap();
+        let member = |own| Box::new(mpf::<2>(own, 2, mpf_options(60), &chart, 11)) as Box<dyn Navigator>;
+        let tracks = run(mission, Estimators::Each(vec![member(0), member(1)])).unwrap();
+        assert_eq!(tracks.unsent, [0, u64::from(silent), 0, 0], "{name}");
+        assert_eq!(tracks.sent.len(), if silent { 1 } else { 2 }, "{name}");
     }
 }
 
@@ -329,6 +396,10 @@ impl CentralEstimator for Central {
     fn launch(&mut self, vehicle: VehicleId, tol_ns: i64) -> Result<bool, Error> {
         self.seen.lock().unwrap().push((tol_ns, vehicle, "launch".into()));
         Ok(true)
+    }
+
+    fn profile(&self) -> Profile {
+        Profile { takes_ranges: true, has_checksum: false, needs_delivery_oracle: false, uses: Kinds::all() }
     }
 
     fn assumed_packet_bytes(&self) -> usize {

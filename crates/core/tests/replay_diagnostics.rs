@@ -8,7 +8,7 @@ use std::sync::Arc;
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::link::LinkConfig;
-use uwcoop_core::navigator::{CentralEstimator, Estimate, Navigator, Outcome, Status};
+use uwcoop_core::navigator::{CentralEstimator, Estimate, Kinds, Navigator, Outcome, Profile, Status};
 use uwcoop_core::replay::{Estimators, Mission, Replay};
 use world::*;
 
@@ -50,6 +50,9 @@ impl Navigator for Counter {
         self.handled[0] = u32::from(snapshot[0]);
         Ok(())
     }
+    fn profile(&self) -> Profile {
+        Profile { takes_ranges: true, has_checksum: false, needs_delivery_oracle: false, uses: Kinds::all() }
+    }
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         self.said(0)
     }
@@ -68,6 +71,9 @@ impl CentralEstimator for Counter {
     }
     fn assumed_packet_bytes(&self) -> usize {
         0
+    }
+    fn profile(&self) -> Profile {
+        Profile { takes_ranges: true, has_checksum: false, needs_delivery_oracle: false, uses: Kinds::all() }
     }
     fn diagnostics(&self, vehicle: VehicleId) -> Vec<(&'static str, f64)> {
         self.said(usize::from(vehicle))

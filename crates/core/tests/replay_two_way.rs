@@ -8,7 +8,7 @@ use std::sync::Arc;
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, VehicleId};
 use uwcoop_core::link::{LinkConfig, Slot};
-use uwcoop_core::navigator::{Estimate, Navigator, Outcome, Status};
+use uwcoop_core::navigator::{Estimate, Kinds, Navigator, Outcome, Profile, Status};
 use uwcoop_core::replay::{Estimators, Mission, Opportunity, Poll, Replay, Tracks};
 use world::SECOND;
 
@@ -49,8 +49,13 @@ impl Navigator for Talker {
         Ok(())
     }
 
-    fn takes_ranges(&self) -> bool {
-        self.takes_ranges
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: self.takes_ranges,
+            has_checksum: false,
+            needs_delivery_oracle: false,
+            uses: Kinds::all(),
+        }
     }
 }
 

@@ -64,6 +64,7 @@ pub fn described(field: &FieldUse) -> Field {
             FieldStep::Linear(step) => ("linear", step),
             FieldStep::Factor(step) => ("factor", step),
             FieldStep::Atanh(step) => ("atanh", step),
+            FieldStep::Growing(step) => ("growing", step),
         };
         let rounding = match scale.rounding {
             Rounding::Nearest => "nearest",

@@ -7,51 +7,12 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use uwcoop_core::bound::{self as core, BoundModel, Observation, TrueTracks};
 use uwcoop_core::event::Payload;
-use uwcoop_core::navigator::drift::Drift;
+use uwcoop_core::navigator::settings::{MpfSettings, Settings, TeamSettings};
 
 use crate::chart::Chart;
 use crate::errors::{argument, navigator};
 use crate::event::{Table, vehicle};
-
-/// A dict that must hold every option.
-struct Model<'a, 'py>(&'a Bound<'py, PyDict>);
-
-impl Model<'_, '_> {
-    fn value<T: for<'a> FromPyObject<'a, 'a, Error = PyErr>>(&self, name: &str) -> PyResult<T> {
-        let value = self
-            .0
-            .get_item(name)?
-            .ok_or_else(|| argument(format!("option {name} of the bound is missing")))?;
-        value.extract()
-    }
-
-    fn read(&self) -> PyResult<BoundModel> {
-        Ok(BoundModel {
-            drift: Drift {
-                sigma_position_m_per_sqrt_s: self.value("sigma_position_m_per_sqrt_s")?,
-                sigma_current_mps_per_sqrt_s: self.value("sigma_current_mps_per_sqrt_s")?,
-                sigma_current0_mps: self.value("sigma_current0_mps")?,
-                sigma_heading_bias0_rad: self.value("sigma_heading_bias0_rad")?,
-                sigma_heading_bias_rad_per_sqrt_s: self.value("sigma_heading_bias_rad_per_sqrt_s")?,
-                sigma_thrust_bias0_mps: self.value("sigma_thrust_bias0_mps")?,
-                sigma_thrust_bias_mps_per_sqrt_s: self.value("sigma_thrust_bias_mps_per_sqrt_s")?,
-            },
-            bias_states: self.value("bias_states")?,
-            sigma_depth_m: self.value("sigma_depth_m")?,
-            sigma_offset0_m: self.value("sigma_offset0_m")?,
-            sigma_offset_m_per_sounding: self.value("sigma_offset_m_per_sounding")?,
-            correlation_length_m: self.value("correlation_length_m")?,
-            sigma_map_m: self.value("sigma_map_m")?,
-            sounding_spacing_m: self.value("sounding_spacing_m")?,
-            sigma_range_m: self.value("sigma_range_m")?,
-            current_difference: self.value("current_difference")?,
-            offset_difference_m: self.value::<Option<f64>>("offset_difference_m")?.unwrap_or(f64::INFINITY),
-            terrain: self.value("terrain")?,
-            ranges: self.value("ranges")?,
-            linearised: self.value("linearised")?,
-        })
-    }
-}
+use crate::packaged::options as stated;
 
 fn integers(columns: &Bound<'_, PyDict>, name: &str) -> PyResult<Vec<i64>> {
     let column = columns.get_item(name)?.ok_or_else(|| argument(format!("column {name} is missing")))?;
@@ -87,7 +48,8 @@ fn observations(events: &Bound<'_, PyDict>, ranges: &Bound<'_, PyDict>) -> PyRes
 
 /// Posterior Cramér–Rao bound of every vehicle's position, (vehicles, samples, 3): ee, en, nn in m²; NaN before a
 /// vehicle's first fix. `truth_m` is (vehicles, instants, 2) at `truth_ns`; `events` are the log's tables `fix`,
-/// `water_depth`, `motion`; `ranges` has `sender`, `receiver`, `tol_ns`, `toa_ns`; `model` all options.
+/// `water_depth`, `motion`; `ranges` has `sender`, `receiver`, `tol_ns`, `toa_ns`; `options` those that are stated of `mpf` and
+/// of `team`, as JSON; `counted`: soundings, ranges, and whether it is statistically linearised.
 #[pyfunction]
 #[allow(clippy::too_many_arguments)]
 pub fn bound<'py>(
@@ -97,10 +59,20 @@ pub fn bound<'py>(
     truth_m: PyReadonlyArray3<'py, f64>,
     events: &Bound<'py, PyDict>,
     ranges: &Bound<'py, PyDict>,
-    model: &Bound<'py, PyDict>,
+    options: (&str, &str),
+    counted: (bool, bool, bool),
     sample_ns: PyReadonlyArray1<'py, i64>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let model = Model(model).read()?;
+    let mpf = MpfSettings::complete(&stated(options.0)?).map_err(navigator)?;
+    let team = TeamSettings::complete(&stated(options.1)?).map_err(navigator)?;
+    let (terrain, ranges_count, linearised) = counted;
+    let chart = chart.map(|c| c.inner.clone());
+    let model = BoundModel {
+        terrain,
+        ranges: ranges_count,
+        linearised,
+        ..BoundModel::of(&mpf, &team, chart.as_deref())
+    };
     let observations = observations(events, ranges)?;
     if truth_m.shape()[2] != 2 {
         return Err(argument(format!("truth_m has {} axes, not 2", truth_m.shape()[2])));
@@ -112,7 +84,6 @@ pub fn bound<'py>(
         .collect();
     let truth = TrueTracks::new(truth_ns.as_array().to_vec(), tracks).map_err(navigator)?;
     let samples = sample_ns.as_array().to_vec();
-    let chart = chart.map(|c| c.inner.clone());
     let shape = [truth.vehicles(), samples.len(), 3];
     let found = py
         .detach(|| core::bound(&model, chart.as_deref(), &truth, observations, &samples))

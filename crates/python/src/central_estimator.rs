@@ -15,8 +15,8 @@ pub struct CentralEstimator {
 
 impl CentralEstimator {
     /// Wraps an estimator of the core.
-    pub fn of(estimator: impl CoreEstimator + 'static) -> Self {
-        Self { inner: Mutex::new(Some(Box::new(estimator))) }
+    pub fn of(estimator: Box<dyn CoreEstimator>) -> Self {
+        Self { inner: Mutex::new(Some(estimator)) }
     }
 
     /// Takes the estimator out for a replay.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use uwcoop_core::event::{Event as CoreEvent, Payload};
+use uwcoop_core::event::{BOUNDS, Event as CoreEvent, Payload};
 
 use crate::errors::{argument, log, navigator};
 
@@ -13,6 +13,13 @@ use crate::errors::{argument, log, navigator};
 #[pyclass(frozen, module = "uwcoop._native")]
 pub struct Event {
     pub inner: CoreEvent,
+}
+
+/// (kind, field, least value, greatest value, whether the least value itself is refused) of every number of every kind
+/// of event.
+#[pyfunction]
+pub fn event_bounds() -> Vec<(&'static str, &'static str, f64, f64, bool)> {
+    BOUNDS.iter().map(|b| (b.kind.name(), b.field, b.minimum, b.maximum, b.above)).collect()
 }
 
 /// Gives the fields of one event by name; `None` for a field that is missing.
@@ -174,8 +181,9 @@ pub fn reception(
     bytes: &[u8],
 ) -> PyResult<CoreEvent> {
     let payload = Payload::Reception { sender: vehicle(sender)?, tol_ns, toa_ns, bytes: Arc::from(bytes) };
-    payload.validate().map_err(log)?;
-    Ok(CoreEvent { t_ns, vehicle: vehicle(receiver)?, payload })
+    let event = CoreEvent { t_ns, vehicle: vehicle(receiver)?, payload };
+    event.validate().map_err(log)?;
+    Ok(event)
 }
 
 #[pymethods]
@@ -210,8 +218,9 @@ impl Event {
             return Ok(Self { inner });
         }
         let payload = payload(kind, &keywords)?;
-        payload.validate().map_err(navigator)?;
-        Ok(Self { inner: CoreEvent { t_ns, vehicle: self::vehicle(vehicle)?, payload } })
+        let inner = CoreEvent { t_ns, vehicle: self::vehicle(vehicle)?, payload };
+        inner.validate().map_err(navigator)?;
+        Ok(Self { inner })
     }
 
     /// Time since the mission's epoch, ns.

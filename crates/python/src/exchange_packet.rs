@@ -9,7 +9,7 @@ use uwcoop_core::packet::landmark::ExchangePacket;
 
 use crate::arrays::{Column, Matrix, flat, rows};
 use crate::errors::navigator;
-use crate::landmark::{exchange_format, exchange_size};
+use crate::landmark_words::{exchange_format, exchange_size};
 use crate::mixture_kernels::{modes_dict, modes_of};
 
 /// Particles (N, 6) of a mixture in polar form with (N, 6) normals; the particles of a mode stand together.

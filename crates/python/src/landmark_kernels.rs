@@ -7,7 +7,7 @@ use uwcoop_core::navigator::landmark::model::{self, Acoustics, Measurement, Moni
 
 use crate::arrays::{Column, Matrix, flat, rows, same};
 use crate::errors::{argument, navigator};
-use crate::landmark::{gate, reading};
+use crate::landmark_words::{gate, reading};
 
 fn measurement(values: [f64; 3]) -> Measurement {
     let some = |v: f64| (!v.is_nan()).then_some(v);

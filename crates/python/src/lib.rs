@@ -11,18 +11,17 @@ mod chart;
 mod errors;
 mod event;
 mod exchange_packet;
+mod graph_packet;
 mod information;
-mod landmark;
 mod landmark_kernels;
+mod landmark_words;
 mod mission;
 mod mixture_kernels;
 mod navigators;
-mod origin;
-mod origin_references;
+mod packaged;
 mod particle_kernels;
 mod python_navigator;
 mod replay;
-mod team;
 mod terrain_kernels;
 
 /// The compiled core of uwcoop.
@@ -32,6 +31,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<chart::Chart>()?;
     module.add_function(wrap_pyfunction!(bound::bound, module)?)?;
     module.add_class::<event::Event>()?;
+    module.add_function(wrap_pyfunction!(event::event_bounds, module)?)?;
     module.add_class::<navigators::Estimate>()?;
     module.add_class::<navigators::Navigator>()?;
     module.add_class::<mission::Mission>()?;
@@ -39,16 +39,12 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<central_estimator::CentralEstimator>()?;
     module.add_function(wrap_pyfunction!(replay::run_all, module)?)?;
     information::register(module)?;
-    origin::register(module)?;
-    module.add_function(wrap_pyfunction!(origin_references::cekf, module)?)?;
-    module.add_function(wrap_pyfunction!(origin_references::belief_exchange, module)?)?;
-    module.add_function(wrap_pyfunction!(origin_references::interleaved, module)?)?;
-    landmark::register(module)?;
+    graph_packet::register(module)?;
+    packaged::register(module)?;
     landmark_kernels::register(module)?;
     mixture_kernels::register(module)?;
     exchange_packet::register(module)?;
     belief_packet::register(module)?;
     terrain_kernels::register(module)?;
-    team::register(module)?;
     particle_kernels::register(module)
 }

@@ -11,7 +11,7 @@ use uwcoop_core::random::{Purpose, Streams};
 
 use crate::arrays::{Column, Matrix, columns, rows, same};
 use crate::errors::argument;
-use crate::landmark::criterion;
+use crate::landmark_words::criterion;
 
 /// What `fit_mixture` returns: weights (k,), means (k, 2), covariances (k, 2, 2).
 type Mixture<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray3<f64>>);

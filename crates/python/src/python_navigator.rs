@@ -5,24 +5,56 @@ use std::sync::{Arc, Mutex};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use uwcoop_core::error::Error;
-use uwcoop_core::event::Event as CoreEvent;
-use uwcoop_core::navigator::{Estimate, Navigator, Outcome, Status};
+use uwcoop_core::event::{Event as CoreEvent, Kind};
+use uwcoop_core::navigator::{Estimate, Kinds, Navigator, Outcome, Profile, Status};
 
+use crate::errors::argument;
 use crate::event::Event;
 
 /// The first exception that a Python navigator raised; raised again when the replay returns.
 pub type Failure = Arc<Mutex<Option<PyErr>>>;
 
 /// Any object with `handle(event)`, `transmit(tol_ns, capacity_bytes)`, `estimate(t_ns)`; `snapshot` and `restore` are
-/// asked for only when a snapshot is.
+/// asked for only when a snapshot is. It may say what it asks for, see [`profile_of`].
 pub struct PythonNavigator {
     object: Py<PyAny>,
     failure: Failure,
+    profile: Profile,
+}
+
+/// What a Python navigator says of itself: the attributes `takes_ranges`, `needs_delivery_oracle` and `uses`, each
+/// optional; read once, before the first event. Its packets are its own affair, so it has no checksum that a tag could
+/// replace.
+fn profile_of(object: &Bound<'_, PyAny>) -> PyResult<Profile> {
+    let flag = |name: &str, otherwise: bool| -> PyResult<bool> {
+        let Some(value) = object.getattr_opt(name)? else { return Ok(otherwise) };
+        value.extract().map_err(|_| argument(format!("{name} of a navigator is {value}, not True or False")))
+    };
+    let uses = match object.getattr_opt("uses")? {
+        None => Kinds::all(),
+        Some(names) => {
+            let names: Vec<String> = names
+                .extract()
+                .map_err(|_| argument(format!("uses of a navigator is {names}, not names of event kinds")))?;
+            names.iter().try_fold(Kinds::default(), |kinds, name| {
+                let kind = Kind::ALL.into_iter().find(|kind| kind.name() == name);
+                kind.map(|kind| kinds.with(kind, true))
+                    .ok_or_else(|| argument(format!("uses of a navigator names {name:?}, no kind of event")))
+            })?
+        }
+    };
+    Ok(Profile {
+        takes_ranges: flag("takes_ranges", true)?,
+        has_checksum: false,
+        needs_delivery_oracle: flag("needs_delivery_oracle", false)?,
+        uses,
+    })
 }
 
 impl PythonNavigator {
-    pub fn new(object: Py<PyAny>, failure: Failure) -> Self {
-        Self { object, failure }
+    pub fn new(object: &Bound<'_, PyAny>, failure: Failure) -> PyResult<Self> {
+        let profile = profile_of(object)?;
+        Ok(Self { object: object.clone().unbind(), failure, profile })
     }
 
     /// Keeps the exception and tells the core that something outside it failed.
@@ -85,9 +117,8 @@ impl Navigator for PythonNavigator {
         .map_err(|e| self.failed(e))
     }
 
-    /// Its bytes are its own affair.
-    fn has_checksum(&self) -> bool {
-        false
+    fn profile(&self) -> Profile {
+        self.profile
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

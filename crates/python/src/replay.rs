@@ -58,7 +58,7 @@ fn each(navigators: &Bound<'_, PyAny>, failure: &Failure) -> PyResult<Vec<Box<dy
         let object = object?;
         match object.cast::<Navigator>() {
             Ok(native) => native.get().take(),
-            Err(_) => Ok(Box::new(PythonNavigator::new(object.unbind(), failure.clone()))),
+            Err(_) => Ok(Box::new(PythonNavigator::new(&object, failure.clone())?)),
         }
     };
     navigators.try_iter()?.map(one).collect()
@@ -151,6 +151,7 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("ess", tracks.ess.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("rejected", tracks.rejected.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("acquiring", tracks.acquiring.into_pyarray(py).reshape(shape)?)?;
+    dict.set_item("unsent", tracks.unsent.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("off_chart", tracks.off_chart.into_pyarray(py).reshape(shape)?)?;
     let diagnostics = PyDict::new(py);
     for (name, column) in tracks.diagnostics {

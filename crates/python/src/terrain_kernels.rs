@@ -20,10 +20,7 @@ fn grid_of<'a>(
     if shape.len() != 2 || shape[0] < 2 || shape[1] < 2 {
         return Err(argument(format!("grid has shape {shape:?}, smaller than (2, 2)")));
     }
-    if cell_m.is_nan() || cell_m <= 0.0 {
-        return Err(argument(format!("cell_m is {cell_m}, not above 0")));
-    }
-    Ok(Grid { values, rows: shape[0], cols: shape[1], east0_m, north0_m, cell_m })
+    Grid::new(values, shape[0], shape[1], east0_m, north0_m, cell_m).map_err(|e| argument(e.to_string()))
 }
 
 /// Depths of the bilinear surface at (N, 2) points; NaN off the grid or beside a NaN node.

@@ -12,7 +12,7 @@ from uwcoop.acoustics.losses import Signals, packet_survival, survival, survive_
 from uwcoop.acoustics.modem import (
     MODEMS,
     NO_LIMIT_BYTES,
-    Modem,
+    ModemFigures,
     air_time_s,
     frames_of,
     link_of,
@@ -38,13 +38,14 @@ from uwcoop.acoustics.schedule import (
     slot_needed_s,
 )
 from uwcoop.acoustics.sea_water import mackenzie_mps
-from uwcoop.acoustics.sound import true_sound_speed_mps
+from uwcoop.acoustics.sound import profile_note, true_sound_speed_mps
+from uwcoop.acoustics.teos10 import teos10_mps
 
 __all__ = [
     "MODEMS",
     "NO_LIMIT_BYTES",
     "RESIDENCE_BYTES",
-    "Modem",
+    "ModemFigures",
     "ReceptionTable",
     "Signals",
     "air_time_s",
@@ -63,6 +64,7 @@ __all__ = [
     "poll_air_s",
     "pollers_of",
     "polls",
+    "profile_note",
     "read_reception",
     "schedule",
     "slot_capacity_bytes",
@@ -70,6 +72,7 @@ __all__ = [
     "slot_needed_s",
     "survival",
     "survive_probability",
+    "teos10_mps",
     "travel_time_s",
     "true_sound_speed_mps",
 ]

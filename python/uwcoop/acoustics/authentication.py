@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import os
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uwcoop import _native
 from uwcoop.errors import ScenarioError
-from uwcoop.scenario.authentication import HIDDEN, KEY_DIGITS, Authentication
+from uwcoop.importers.bounded import read_text, refused
+from uwcoop.scenario.authentication import KEY_DIGITS, Authentication
+from uwcoop.scenario.secrets import HIDDEN
 
 if TYPE_CHECKING:
     from uwcoop.missionlog import MissionLog
 
-__all__ = ["authenticator_of"]
+__all__ = ["KeyFileWarning", "authenticator_of", "check_key"]
+
+_KEY_FILE_LIMIT_BYTES = 4096
+
+
+class KeyFileWarning(UserWarning):
+    """A key that others can read."""
 
 
 def authenticator_of(log: MissionLog) -> _native.Authenticator | None:
@@ -33,20 +42,22 @@ def authenticator_of(log: MissionLog) -> _native.Authenticator | None:
     return _native.Authenticator(_key_of(log, plan), plan.tag_bytes, mission)
 
 
+def check_key(plan: Authentication) -> None:
+    """Read the key of a team that carries tags where a place is named for it, so that a wrong place shows at once.
+
+    Raises:
+        ScenarioError: it is not there, or is none.
+    """
+    if plan.tag_bytes:
+        _key_from_place(plan)
+
+
 def _key_of(log: MissionLog, plan: Authentication) -> bytes:
     if log.team_key is not None:
         return log.team_key
-    if plan.key_env is not None:
-        text = os.environ.get(plan.key_env)
-        if text is None:
-            raise ScenarioError(f"the team's key: environment variable {plan.key_env} is not set")
-        return _digits(text, f"environment variable {plan.key_env}")
-    if plan.key_file is not None:
-        try:
-            text = Path(plan.key_file).read_text(encoding="ascii")
-        except (OSError, UnicodeDecodeError) as error:
-            raise ScenarioError(f"the team's key: {plan.key_file} cannot be read: {error}") from error
-        return _digits(text, plan.key_file)
+    key = _key_from_place(plan)
+    if key is not None:
+        return key
     if log.payloads:
         hidden = plan.key_hex is not None and plan.key_hex.get_secret_value() == HIDDEN
         raise ScenarioError(
@@ -54,6 +65,25 @@ def _key_of(log: MissionLog, plan: Authentication) -> bytes:
             "name a place for it in acoustics.authentication, key_env or key_file"
         )
     return hashlib.sha256(f"uwcoop simulated team {log.name}".encode()).digest()
+
+
+def _key_from_place(plan: Authentication) -> bytes | None:
+    """The key from the environment or a file; None where the scenario names neither."""
+    if plan.key_env is not None:
+        text = os.environ.get(plan.key_env)
+        if text is None:
+            raise ScenarioError(f"the team's key: environment variable {plan.key_env} is not set")
+        return _digits(text, f"environment variable {plan.key_env}")
+    if plan.key_file is None:
+        return None
+    path = Path(plan.key_file)
+    with refused(ScenarioError, f"the team's key: {path}"):
+        text = read_text(path, _KEY_FILE_LIMIT_BYTES, "ascii")
+        open_to_others = os.name == "posix" and path.stat().st_mode & 0o077
+    if open_to_others:
+        line = f"key file {path} can be read by other users of this machine: chmod 600 {path}"
+        warnings.warn(line, KeyFileWarning, stacklevel=2)
+    return _digits(text, plan.key_file)
 
 
 def _digits(text: str, where: str) -> bytes:

@@ -56,7 +56,8 @@ def opportunities(
     polls = world.polls(slots) if acoustics.ranging == "two-way" else None
     on_air = packets if polls is None else packets.beside(polls)
     arrival_s = world.arrivals(on_air)
-    clear = _clear(on_air, arrival_s)
+    turnaround_s = acoustics.modem_profile.turnaround_s
+    clear = _clear(on_air, arrival_s, turnaround_s)
     polled = None if polls is None else _polled(world, packets, polls, arrival_s, clear)
     parts = []
     for sender in range(len(motion)):
@@ -84,7 +85,8 @@ def polls(
     packets, asked = world.packets(slots), world.polls(slots)
     on_air = packets.beside(asked)
     arrival_s = world.arrivals(on_air)
-    polled = _polled(world, packets, asked, arrival_s, _clear(on_air, arrival_s))
+    clear = _clear(on_air, arrival_s, acoustics.modem_profile.turnaround_s)
+    polled = _polled(world, packets, asked, arrival_s, clear)
     count = packets.sender.size
     return {
         "tol_ns": slots["tol_ns"].copy(),
@@ -229,16 +231,33 @@ class _World:
         )
         return survival(self.acoustics, signals, self.names, self.seed)
 
-    def timing_error_s(self, sender: int, receiver: int, count: int) -> Array:
+    def timing_error_s(self, sender: int, receiver: int, launch_s: Array) -> Array:
         """Noise of the measured travel times, and late arrivals by longer ways, seconds, (K,)."""
+        count = launch_s.size
         speed = sound_speed_between_mps(self.acoustics, self.seed, np.zeros(1), np.zeros(1))[0]
         noise = stream(self.seed, sender, Purpose.RANGE, receiver).standard_normal(count)
         error = noise * self.acoustics.range_sigma_m / speed
         share = self.acoustics.range_outlier_share
         if share > 0:
-            luck, size = stream(self.seed, sender, Purpose.RANGE_OUTLIER, receiver).random((count, 2)).T
+            luck, size = self._longer_ways(sender, receiver, launch_s)
             error += np.where(luck < share, self.acoustics.range_outlier_m.quantile(size), 0.0) / speed
         return np.asarray(error)
+
+    def _longer_ways(self, sender: int, receiver: int, launch_s: Array) -> tuple[Array, Array]:
+        """Uniform draws for each signal: whether there is a longer way, and how long it is.
+
+        A geometry that holds is that of the pair, whoever of both sends, and changes at times of its own."""
+        hold_s = self.acoustics.range_outlier_hold_s
+        if hold_s == 0:
+            luck, size = (
+                stream(self.seed, sender, Purpose.RANGE_OUTLIER, receiver).random((launch_s.size, 2)).T
+            )
+            return luck, size
+        first, second = sorted((sender, receiver))
+        draw = stream(self.seed, first, Purpose.RANGE_OUTLIER, second)
+        place = np.floor(np.maximum(launch_s, 0.0) / hold_s + draw.random()).astype(np.int64)
+        luck, size = draw.random((int(place.max(initial=0)) + 1, 2))[place].T
+        return luck, size
 
 
 def _pair(
@@ -247,7 +266,7 @@ def _pair(
     """One-way opportunities of one ordered pair, and the error in their times."""
     sender = int(packets.sender[mine[0]])
     tol_ns = slots["tol_ns"][mine]
-    error_s = world.timing_error_s(sender, receiver, mine.size)
+    error_s = world.timing_error_s(sender, receiver, packets.start_s[mine])
     measured_s = world.clocks[receiver].reading(arrival_s) + error_s
     draws = stream(world.seed, sender, Purpose.LOSS, receiver).random((world.link.max_frames, mine.size)).T
     return {
@@ -273,7 +292,7 @@ def _polled(
     held_s = packets.start_s - heard_s
     back_s = arrival_s[k, polls.sender]
     heard = clear[count + k, packets.sender] & (polls.sender >= 0)
-    heard &= held_s >= poll_air_s(world.acoustics) + world.acoustics.two_way.turnaround_s - 1e-9
+    heard &= held_s >= poll_air_s(world.acoustics) + world.acoustics.reply_turnaround_s - 1e-9
     for poller in range(len(world.motion)):
         for sender in range(len(world.motion)):
             mine = np.flatnonzero((polls.sender == poller) & (packets.sender == sender))
@@ -286,13 +305,15 @@ def _polled(
     return _Polled(polls.sender, heard, ((back_s - polls.start_s) - held_s) / 2)
 
 
-def _clear(on_air: _Launches, arrival_s: Array) -> NDArray[np.bool_]:
-    """Which signals overlap no other at each vehicle, its own included, (K, V)."""
+def _clear(on_air: _Launches, arrival_s: Array, turnaround_s: float) -> NDArray[np.bool_]:
+    """Which signals overlap no other at each vehicle, its own and their turn-around included, (K, V)."""
     clear = np.ones(arrival_s.shape, dtype=bool)
     for vehicle in range(arrival_s.shape[1]):
-        order = np.argsort(arrival_s[:, vehicle], kind="stable")
-        start = arrival_s[order, vehicle]
-        end = start + on_air.air_s[order]
+        own_s = np.where(on_air.sender == vehicle, turnaround_s, 0.0)
+        begins = arrival_s[:, vehicle] - own_s
+        order = np.argsort(begins, kind="stable")
+        start = begins[order]
+        end = start + (on_air.air_s + 2 * own_s)[order]
         still = np.maximum.accumulate(end)
         overlaps = np.zeros(start.size, dtype=bool)
         overlaps[1:] |= start[1:] < still[:-1]

@@ -11,20 +11,17 @@ channel gets better with distance, so what is fitted never rises. Recipe:
 
 from __future__ import annotations
 
-import csv
-import gzip
-import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from uwcoop.errors import ScenarioError
+from uwcoop.errors import ScenarioError, TableError
+from uwcoop.importers.text_table import open_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from typing import TextIO
+    from pathlib import Path
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -84,7 +81,7 @@ def read_reception(
     received: str | None = None,
     sent: str | None = None,
 ) -> ReceptionTable:
-    """A range test from CSV with a header line (`.gz` is read too).
+    """A range test from a text table with a header line, as `uwcoop.importers.text_table` reads it.
 
     Args:
         file: the file.
@@ -101,17 +98,17 @@ def read_reception(
         raise ScenarioError(f"{where}: needs a column of shares, or those of signals received and sent")
     names = [distance, received, sent] if received and sent else [distance, share or "share"]
     try:
-        with _opened(Path(file)) as handle:
-            reader = csv.DictReader(handle)
-            for name in names:
-                if name not in (reader.fieldnames or []):
-                    known = ", ".join(reader.fieldnames or []) or "none"
-                    raise ScenarioError(f"{where} has no column {name!r}: it has {known}")
-            rows = [[_number(row, name, where, reader.line_num) for name in names] for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
-        raise ScenarioError(f"{where} cannot be read: {reason}") from error
-    columns = np.array(rows, dtype=np.float64).reshape(-1, len(names)).T
+        table = open_table(file)
+        rows = table.read({name: table.place(name) for name in names})
+    except OSError as error:
+        raise ScenarioError(f"{where} cannot be read: {error.strerror}") from error
+    except TableError as error:
+        raise ScenarioError(f"{where}: {error}") from error
+    for name, values in rows.numbers.items():
+        if np.isnan(values).any():
+            line = int(rows.line[np.isnan(values)][0])
+            raise ScenarioError(f"{where}: {name} is empty in line {line}: must be a finite number")
+    columns = [rows.numbers[name] for name in names]
     try:
         if sent is None:
             return ReceptionTable.of(columns[0], columns[1])
@@ -182,22 +179,6 @@ def logistic_share(half_m: float, width_m: float, distance_m: ArrayLike) -> Arra
     """1 / (1 + exp((d - half) / width)) at any distances."""
     odds = (np.asarray(distance_m, dtype=np.float64) - half_m) / width_m
     return np.asarray(1 / (1 + np.exp(np.clip(odds, -500, 500))))
-
-
-def _opened(file: Path) -> TextIO:
-    if file.suffix == ".gz":
-        return gzip.open(file, "rt", encoding="utf-8", newline="")
-    return file.open(encoding="utf-8", newline="")
-
-
-def _number(row: dict[str, str], name: str, where: str, line: int) -> float:
-    try:
-        value = float(row[name])
-    except (TypeError, ValueError):
-        value = math.nan
-    if not math.isfinite(value):
-        raise ScenarioError(f"{where}: {name} is {row[name]!r} in line {line}: must be a finite number")
-    return value
 
 
 def table_of(rows: Sequence[Sequence[float]], weights: Sequence[float] = ()) -> ReceptionTable:

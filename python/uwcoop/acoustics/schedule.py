@@ -26,7 +26,7 @@ def lead_s(acoustics: Acoustics) -> float:
     """From the start of a slot to the launch of its packet, seconds: 0, or poll, its travel and turn-around."""
     if acoustics.ranging == "one-way":
         return 0.0
-    return poll_air_s(acoustics) + acoustics.guard + acoustics.two_way.turnaround_s
+    return poll_air_s(acoustics) + acoustics.travel_s + acoustics.reply_turnaround_s
 
 
 def slot_needed_s(acoustics: Acoustics, frames: int) -> float:
@@ -97,13 +97,15 @@ def check_fits(acoustics: Acoustics, frames: int, what: str = "") -> None:
     if needed <= acoustics.slot_s + 1e-9:
         return
     guard = f"guard {acoustics.guard:.2f} s"
+    turn_s = acoustics.modem_profile.turnaround_s
     if acoustics.guard_s is None:
-        guard += f" ({acoustics.max_range_m:g} m / {acoustics.sound_speed_mps:g} m/s)"
+        turn = f" + turn-around {turn_s:g} s" if turn_s else ""
+        guard += f" ({acoustics.max_range_m:g} m / {acoustics.sound_speed_mps:g} m/s{turn})"
     lead = ""
     if acoustics.ranging == "two-way":
         lead = (
-            f"poll {poll_air_s(acoustics):.2f} s + guard {acoustics.guard:.2f} s "
-            f"+ turn-around {acoustics.two_way.turnaround_s:.2f} s + "
+            f"poll {poll_air_s(acoustics):.2f} s + guard {acoustics.travel_s:.2f} s "
+            f"+ turn-around {acoustics.reply_turnaround_s:.2f} s + "
         )
     raise ScheduleError(
         f"{what}slot of {acoustics.slot_s:.2f} s is shorter than {lead}{frames} "

@@ -6,6 +6,7 @@ from uwcoop.charts.information import describe, reachable_sigma
 from uwcoop.charts.read import load_chart, load_sounded
 from uwcoop.charts.residuals import ResidualReport
 from uwcoop.charts.soundings import load_soundings
+from uwcoop.charts.stored import write_chart
 from uwcoop.charts.synthetic import synthetic
 
 __all__ = [
@@ -22,4 +23,5 @@ __all__ = [
     "load_soundings",
     "reachable_sigma",
     "synthetic",
+    "write_chart",
 ]

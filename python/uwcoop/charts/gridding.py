@@ -1,6 +1,6 @@
 """Soundings to a chart.
 
-The method, with verde: the median of the soundings in each cell (single-beam tracks cross themselves, and
+The method: the median of the soundings in each cell (single-beam tracks cross themselves, and
 medians drop stray echoes), then linear interpolation on the Delaunay triangles of those medians. Splines of
 ten thousands of points need a dense solve and overshoot at the edges of tracks; triangles cannot exceed the
 soundings they stand on. Nodes farther from every sounding than `max_gap_m` stay holes: a guess between far
@@ -210,7 +210,7 @@ def _grid(
             f"no node lies within {max_gap_m:g} m of a sounding and between soundings: all are holes"
         )
     said.append(
-        f"gridded to {cell_m:g} m: medians of cells, linear between them (verde); "
+        f"gridded to {cell_m:g} m: medians of cells, linear between them; "
         f"holes beyond {max_gap_m:g} m of a sounding"
     )
     return _without_strays(grid, said), axes
@@ -283,7 +283,8 @@ def _axis(values: Values, cell_m: float) -> Values:
     count = int(max(last - first, 1)) + 1
     if count > MAX_NODES:
         raise ChartError(
-            f"cell {cell_m:g} m over {np.ptp(values):,.0f} m makes {count:,} nodes on one axis alone"
+            f"cell {cell_m:g} m over {np.ptp(values):,.0f} m makes {count:,} nodes on one axis alone: "
+            "choose a larger one, or leave out stray soundings"
         )
     return np.asarray(cell_m * (first + np.arange(count)))
 
@@ -294,11 +295,32 @@ def _interpolated(
     soundings: tuple[Values, Values],
     max_gap_m: float,
 ) -> Values:
-    e, n = np.meshgrid(*axes)
+    grid = np.full((axes[1].size, axes[0].size), np.nan)
+    # Row by row of nodes within reach of a sounding: an area that is mostly empty costs its grid alone.
+    row, col = np.nonzero(_reached(axes, soundings, max_gap_m))
+    e, n = axes[0][col], axes[1][row]
     near = np.isfinite(distance(soundings, (e, n), max_gap_m))
-    grid = np.full(e.shape, np.nan)
-    grid[near] = linear(reduced, (e[near], n[near]))
+    grid[row[near], col[near]] = linear(reduced, (e[near], n[near]))
     return grid
+
+
+def _reached(axes: list[Values], soundings: tuple[Values, Values], max_gap_m: float) -> NDArray[np.bool_]:
+    """Nodes that may lie within `max_gap_m` of a sounding: all in the square around each."""
+    from scipy import ndimage
+
+    cell = axes[0][1] - axes[0][0]
+    occupied = np.zeros((axes[1].size, axes[0].size), dtype=bool)
+    col, row = (
+        np.clip(np.rint((values - axis[0]) / cell).astype(np.intp), 0, axis.size - 1)
+        for values, axis in zip(soundings, axes, strict=True)
+    )
+    occupied[row, col] = True
+    half = int(np.ceil(max_gap_m / cell)) + 1
+    for axis, size in enumerate(occupied.shape):
+        occupied = ndimage.maximum_filter1d(
+            occupied, min(2 * half + 1, 2 * size + 1), axis=axis, mode="constant"
+        )
+    return occupied
 
 
 def _without_strays(grid: Values, said: list[str]) -> Values:

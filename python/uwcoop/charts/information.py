@@ -18,6 +18,8 @@ import numpy as np
 
 from uwcoop.charts.slopes import node_sigma
 from uwcoop.charts.windows import square_sums
+from uwcoop.errors import MissingDependencyError
+from uwcoop.frames import LocalFrame
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
     from uwcoop.charts.chart import Chart
 
     Grid = NDArray[np.float64]
+
+_BAND_NODES = 1 << 18
+"""Nodes whose information is found at a time."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +51,7 @@ class Sounding:
 
 def slope(chart: Chart) -> Grid:
     """Steepness at each node, m/m, (rows, cols); NaN at holes and beside them."""
-    north, east = _gradient(chart)
+    north, east = _gradient(chart.depth_m, chart.cell_m)
     return np.hypot(east, north)
 
 
@@ -59,14 +64,23 @@ def fisher_information(chart: Chart, sounding: Sounding | None = None) -> Grid:
     Returns:
         (rows, cols, 2, 2).
     """
-    sounding = sounding or Sounding()
-    north, east = _gradient(chart)
+    return _information(chart, slice(0, chart.shape[0]), sounding or Sounding(), node_sigma(chart))
+
+
+def _half_window(chart: Chart, sounding: Sounding) -> int:
+    """Nodes on each side of the middle one of a window."""
+    return max(1, round(sounding.window_m / chart.cell_m / 2))
+
+
+def _information(chart: Chart, rows: slice, sounding: Sounding, sigma: Grid) -> Grid:
+    """Information matrices of some rows, right for those that lie a window's half away from where they are cut."""
+    depth = chart.depth_m[rows]
+    north, east = _gradient(depth, chart.cell_m)
     known = np.isfinite(east)
-    sigma = node_sigma(chart)
     n_c = max(1.0, 2 * chart.correlation_length_m / sounding.spacing_m)
-    weight = np.where(known, 1 / (sounding.sigma_m**2 + sigma**2), 0.0)
+    weight = np.where(known, 1 / (sounding.sigma_m**2 + sigma[rows] ** 2), 0.0)
     east, north = np.where(known, east, 0.0), np.where(known, north, 0.0)
-    half = max(1, round(sounding.window_m / chart.cell_m / 2))
+    half = _half_window(chart, sounding)
     count, whole = square_sums(known.astype(float), half), square_sums(np.ones(known.shape), half)
     nodes = np.maximum(count, 1.0)
     mean_w, mean_e, mean_n = (
@@ -79,7 +93,7 @@ def fisher_information(chart: Chart, sounding: Sounding | None = None) -> Grid:
     for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
         product = square_sums(weight * slopes[i] * slopes[j], half) / nodes
         matrix[..., i, j] = crossing * (product - means[i] * means[j] / mean_w)
-    matrix[(count < 0.5 * whole) | np.isnan(chart.depth_m)] = np.nan
+    matrix[(count < 0.5 * whole) | np.isnan(depth)] = np.nan
     return matrix
 
 
@@ -88,7 +102,21 @@ def reachable_sigma(chart: Chart, sounding: Sounding | None = None) -> Grid:
 
     Infinite where a direction stays unknown; NaN at holes and where less than half the window is charted.
     """
-    matrix = fisher_information(chart, sounding)
+    sounding = sounding or Sounding()
+    rows, cols = chart.shape
+    half, sigma = _half_window(chart, sounding), node_sigma(chart)
+    band = max(2 * half, _BAND_NODES // cols)
+    reachable = np.empty(chart.shape)
+    # By bands of rows with as many more as a window reaches: the matrices of a whole chart take half a gigabyte.
+    for start in range(0, rows, band):
+        first, last = max(0, start - half - 1), min(rows, start + band + half + 1)
+        matrix = _information(chart, slice(first, last), sounding, sigma)
+        own = slice(start - first, min(start + band, rows) - first)
+        reachable[start : start + band] = _worse_direction(matrix[own])
+    return reachable
+
+
+def _worse_direction(matrix: Grid) -> Grid:
     a, b, d = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
     least = (a + d) / 2 - np.sqrt(((a - d) / 2) ** 2 + b**2)
     # Differences of nearly equal numbers: below rounding there is no information, not a negative one.
@@ -100,8 +128,9 @@ def reachable_sigma(chart: Chart, sounding: Sounding | None = None) -> Grid:
 def describe(chart: Chart, sounding: Sounding | None = None) -> dict[str, Any]:
     """What a chart holds, as plain numbers ready for a table or JSON; shares are of the charted nodes.
 
-    Keys: name, extent_m, size_m, cell_m, rows, cols, depth_m {min, median, max}, hole_share, slope {q50, q90,
-    q99}, terrain {helps_share, median_sigma_m, helps_below_m, window_m, sounding_sigma_m}, sigma_map_m
+    Keys: name, extent_m, corners_deg ([latitude, longitude] of south-west, south-east, north-east and north-west; None
+    where the place on Earth is not known), size_m, cell_m, rows, cols, depth_m {min, median, max}, hole_share,
+    slope {q50, q90, q99}, terrain {helps_share, median_sigma_m, helps_below_m, window_m, sounding_sigma_m}, sigma_map_m
     (median), correlation_length_m, origin {latitude_deg, longitude_deg, crs}, sha256, notes. A median that is
     infinite, or a quantile that no node has, is None.
     """
@@ -115,6 +144,7 @@ def describe(chart: Chart, sounding: Sounding | None = None) -> dict[str, Any]:
     return {
         "name": chart.name,
         "extent_m": {"west": west, "south": south, "east": east, "north": north},
+        "corners_deg": _corners(chart),
         "size_m": {"east": east - west, "north": north - south},
         "cell_m": chart.cell_m,
         "rows": chart.shape[0],
@@ -141,11 +171,24 @@ def describe(chart: Chart, sounding: Sounding | None = None) -> dict[str, Any]:
     }
 
 
-def _gradient(chart: Chart) -> tuple[Grid, Grid]:
+def _corners(chart: Chart) -> list[list[float]] | None:
+    """Latitude and longitude of the outermost nodes."""
+    if chart.origin.latitude_deg is None or chart.origin.longitude_deg is None:
+        return None
+    west, south, east, north = chart.extent
+    places = [(west, south), (east, south), (east, north), (west, north)]
+    try:
+        found = LocalFrame(chart.origin).to_geographic(places)
+    except MissingDependencyError:
+        return None
+    return [[float(latitude), float(longitude)] for latitude, longitude in found]
+
+
+def _gradient(depth_m: NDArray[np.float32], cell_m: float) -> tuple[Grid, Grid]:
     """Slopes towards north and east at each node, m/m; NaN at holes and beside them."""
-    north, east = np.gradient(chart.depth_m.astype(np.float64), chart.cell_m)
+    north, east = np.gradient(depth_m.astype(np.float64), cell_m)
     # A central difference does not read its own node: a hole must not get a slope from its neighbours.
-    unknown = np.isnan(north) | np.isnan(east) | np.isnan(chart.depth_m)
+    unknown = np.isnan(north) | np.isnan(east) | np.isnan(depth_m)
     return np.where(unknown, np.nan, north), np.where(unknown, np.nan, east)
 
 

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop.charts.raster import Raster, ascending, check_size, horizontal
-from uwcoop.charts.vertical import Stated, depths_from
+from uwcoop.charts.grid_source import LONGEST_AXIS, GridSource, Reading, check_axes
+from uwcoop.charts.places import horizontal
+from uwcoop.charts.stored import HEADER
+from uwcoop.charts.vertical import METRES_PER_UNIT, Stated, unit_of
 from uwcoop.errors import ChartError, MissingDependencyError
 from uwcoop.frames import crs_of
 
@@ -17,65 +22,107 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import NDArray
 
-    Grid = NDArray[np.float64]
+    Grid = NDArray[Any]
 
 _LONGITUDES = {"lon", "longitude", "long"}
 _LATITUDES = {"lat", "latitude"}
 _EASTS = {"x", "easting", "east", "e", "projection_x_coordinate"}
 _NORTHS = {"y", "northing", "north", "n", "projection_y_coordinate"}
+_SIGMAS = {
+    "sigma_map",
+    "sigma",
+    "uncertainty",
+    "depth_uncertainty",
+    "depth_sigma",
+    "standard_deviation",
+    "tvu",
+}
 _PREFERRED = ("elevation", "depth", "z", "altitude", "bathymetry", "topo", "band1")
 
 
-def read_netcdf(path: Path, *, crs: str | None, positive: str | None, depth_unit: str | None) -> Raster:
-    """The file's one two-dimensional variable over x and y (or longitude and latitude) as depths.
+@contextmanager
+def open_netcdf(path: Path, kind: str, reading: Reading) -> Iterator[GridSource]:
+    """The file's one two-dimensional variable over x and y (or longitude and latitude).
 
     `scale_factor`, `add_offset` and fill values are applied; `actual_range` is not needed. Axis values are
     taken as the positions of the values in both of GMT's registrations, which is what they are.
 
+    Args:
+        path: the file.
+        kind: "netcdf3" or "netcdf4", as `file_kind` tells it.
+        reading: its `crs` matters here.
+
     Raises:
-        ChartError: not NetCDF, no such variable or several, no projection where one is needed, see
-            `depths_from`.
+        ChartError: not NetCDF, no such variable or several, no projection where one is needed.
     """
     import xarray as xr
 
-    classic = path.read_bytes()[:3] == b"CDF"
-    try:
-        with xr.open_dataset(path, engine="scipy" if classic else "h5netcdf", decode_times=False) as dataset:
-            if "z" in dataset and dataset["z"].ndim == 1 and "dimension" in dataset:
-                return _read_flat(dataset, path, crs, positive, depth_unit)
-            return _read(dataset, path, crs, positive, depth_unit)
-    except ImportError as error:
-        raise MissingDependencyError("scipy" if classic else "h5netcdf", "maps") from error
-    except ChartError:
-        raise
-    except (OSError, ValueError, TypeError, KeyError, IndexError) as error:
-        raise ChartError(f"{path.name} cannot be read as a NetCDF chart: {_one_line(error)}") from error
+    classic = kind == "netcdf3"
+    if not classic:
+        _check_declared(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # xarray's, about fill values that contradict each other
+        try:
+            engine = "scipy" if classic else "h5netcdf"
+            with xr.open_dataset(path, engine=engine, decode_times=False, cache=False) as dataset:
+                if "z" in dataset and dataset["z"].ndim == 1 and "dimension" in dataset:
+                    yield _flat_source(dataset, path, reading.crs)
+                else:
+                    yield _source(dataset, path, reading.crs)
+        except ImportError as error:
+            raise MissingDependencyError("scipy" if classic else "h5netcdf", "maps") from error
 
 
-def _read(
-    dataset: xr.Dataset, path: Path, crs: str | None, positive: str | None, depth_unit: str | None
-) -> Raster:
+def _check_declared(path: Path) -> None:
+    """Refuse an HDF5 file whose axes declare more values than any has: xarray reads axes whole when it opens it."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        for name, item in file.items():
+            shape = getattr(item, "shape", None)
+            if shape and len(shape) == 1 and shape[0] > LONGEST_AXIS and name != "z":
+                raise ChartError(f"{path.name} declares {shape[0]:,} values of {name}: it is damaged")
+
+
+def _source(dataset: xr.Dataset, path: Path, asked: str | None) -> GridSource:
     variable = _depth_variable(dataset, path)
     y_name, x_name = (str(d) for d in variable.dims[-2:])
     if _is_x(dataset, y_name) and not _is_x(dataset, x_name):
         variable, x_name, y_name = variable.transpose(), y_name, x_name
-    check_size(*variable.shape)
+    check_axes(path.name, *variable.shape)
     x, y = (_axis(dataset, name, path) for name in (x_name, y_name))
-    axes_crs, notes, factor = _projection(dataset, variable, x_name, y_name, crs, path)
+    axes_crs, notes, factor = _projection(dataset, variable, x_name, y_name, asked, path)
     attributes = variable.attrs
-    stated = Stated(
-        unit=str(attributes.get("units", "")),
-        positive=str(attributes.get("positive", "")),
-        standard_name=str(attributes.get("standard_name", "")),
-        hint=str(attributes.get("long_name", "") or variable.name),
+    sigma = _sigma_variable(dataset, variable)
+    used = "" if sigma is None else f", {sigma.name!r} as its standard deviation"
+
+    def read(rows: slice, cols: slice) -> tuple[Grid, Grid | None]:
+        part = {y_name: rows, x_name: cols}
+        values = _numbers(variable.isel(part))
+        return values, None if sigma is None else _numbers(sigma.transpose(*variable.dims).isel(part))
+
+    return GridSource(
+        name=path.name,
+        x=x * factor,
+        y=y * factor,
+        crs=axes_crs,
+        stated=Stated(
+            unit=str(attributes.get("units", "")),
+            positive=str(attributes.get("positive", "")),
+            standard_name=str(attributes.get("standard_name", "")),
+            hint=str(attributes.get("long_name", "") or variable.name),
+        ),
+        read=read,
+        notes=(f"variable {variable.name!r} over {y_name}, {x_name}{used}", *notes),
+        header=str(dataset.attrs.get(HEADER, "")),
     )
-    values = variable.values.astype(np.float64)
-    depth, vertical_notes = depths_from(
-        np.where(np.isfinite(values), values, np.nan), stated, positive, depth_unit
-    )
-    depth, x, y = ascending(depth, x * factor, y * factor)
-    note = f"variable {variable.name!r} over {y_name}, {x_name}"
-    return Raster(depth, x, y, axes_crs, (note, *notes, *vertical_notes))
+
+
+def _numbers(variable: xr.DataArray) -> Grid:
+    values = variable.values
+    kind = values.dtype if values.dtype in (np.float32, np.float64) else np.float64
+    values = np.asarray(values, dtype=kind)
+    return np.where(np.isfinite(values), values, np.asarray(np.nan, kind))
 
 
 def _depth_variable(dataset: xr.Dataset, path: Path) -> xr.DataArray:
@@ -93,15 +140,49 @@ def _depth_variable(dataset: xr.Dataset, path: Path) -> xr.DataArray:
         raise ChartError(
             f"{path.name} holds no grid over x and y or longitude and latitude: it holds {found}"
         )
-    named = [name for wish in _PREFERRED for name in grids if name.lower() == wish]
+    # Classes, such as a type identifier of each node, are numbers too.
+    depths = {name: v for name, v in grids.items() if _why_no_depth(v) == ""}
+    if not depths:
+        name, reason = next((name, _why_no_depth(v)) for name, v in grids.items())
+        raise ChartError(f"{path.name}: variable {name!r} is no depth: it {reason}")
+    named = [name for wish in _PREFERRED for name in depths if name.lower() == wish]
     if named:
-        return grids[named[0]]
-    if len(grids) > 1:
+        return depths[named[0]]
+    others = {name: v for name, v in depths.items() if not _is_sigma(name, v)}
+    if len(others) != 1:
         raise ChartError(
-            f"{path.name} holds several grids ({', '.join(grids)}), none of them named depth, "
+            f"{path.name} holds several grids ({', '.join(depths)}), none of them named depth, "
             "elevation or z: keep one"
         )
-    return next(iter(grids.values()))
+    return next(iter(others.values()))
+
+
+def _why_no_depth(variable: xr.DataArray) -> str:
+    """Why a variable's numbers are no lengths; empty where they may be."""
+    flags = [key for key in ("flag_values", "flag_masks", "flag_meanings") if key in variable.attrs]
+    unit = unit_of(str(variable.attrs.get("units", "")))
+    if flags and unit not in METRES_PER_UNIT:
+        return f"has {flags[0]} and no unit of length"
+    return ""
+
+
+def _is_sigma(name: str, variable: xr.DataArray) -> bool:
+    said = f"{variable.attrs.get('standard_name', '')} {variable.attrs.get('long_name', '')}".lower()
+    return name.lower() in _SIGMAS or "standard_error" in said or "standard deviation" in said
+
+
+def _sigma_variable(dataset: xr.Dataset, depth: xr.DataArray) -> xr.DataArray | None:
+    """Standard deviations of the depths; None where the file holds none."""
+    for name, variable in dataset.data_vars.items():
+        if (
+            str(name) != depth.name
+            and _is_sigma(str(name), variable)
+            and set(depth.dims) <= set(variable.dims)
+        ):
+            squeezed = variable.squeeze()
+            if set(squeezed.dims) == set(depth.dims) and squeezed.shape:
+                return squeezed
+    return None
 
 
 def _spans_plane(dataset: xr.Dataset, variable: xr.DataArray) -> bool:
@@ -179,12 +260,10 @@ def _from_cf(attributes: dict[str, Any]) -> Any:
         raise ChartError(f"grid mapping {name!r} is not understood: give crs, such as EPSG:32654") from error
 
 
-def _read_flat(
-    dataset: xr.Dataset, path: Path, crs: str | None, positive: str | None, depth_unit: str | None
-) -> Raster:
+def _flat_source(dataset: xr.Dataset, path: Path, crs: str | None) -> GridSource:
     """GMT's oldest layout: z as one row after another from the north-west, ranges in place of axes."""
     cols, rows = (int(n) for n in np.asarray(dataset["dimension"].values).ravel()[:2])
-    check_size(rows, cols)
+    check_axes(path.name, rows, cols)
     z = dataset["z"]
     if z.size != rows * cols:
         raise ChartError(f"{path.name} holds {z.size} values for {rows} x {cols} nodes")
@@ -204,18 +283,22 @@ def _read_flat(
     else:
         axes_crs, notes = horizontal(crs_of(crs or "EPSG:4326")), ()
     unit = "" if (name := str(dataset["z_range"].attrs.get("units", ""))) in ("z", "user_z_unit") else name
-    values = z.values.astype(np.float64).reshape(rows, cols)[::-1]
-    stated = Stated(unit=unit, hint=str(z.attrs.get("long_name", "")))
-    depth, vertical_notes = depths_from(
-        np.where(np.isfinite(values), values, np.nan), stated, positive, depth_unit
+
+    def read(wanted_rows: slice, wanted_cols: slice) -> tuple[Grid, None]:
+        part = _numbers(z[wanted_rows.start * cols : wanted_rows.stop * cols])
+        return part.reshape(-1, cols)[:, wanted_cols], None
+
+    return GridSource(
+        name=path.name,
+        x=x,
+        y=y[::-1],
+        crs=axes_crs,
+        stated=Stated(unit=unit, hint=str(z.attrs.get("long_name", ""))),
+        read=read,
+        notes=("GMT's flat layout", *notes),
     )
-    return Raster(depth, x, y, axes_crs, ("GMT's flat layout", *notes, *vertical_notes))
 
 
 def _flat_axis(limits: Grid, count: int, pixel: bool) -> Grid:
     half = (limits[1] - limits[0]) / count / 2 if pixel else 0.0
     return np.linspace(limits[0] + half, limits[1] - half, count)
-
-
-def _one_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]

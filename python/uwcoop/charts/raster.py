@@ -12,22 +12,25 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.charts.chart import Chart
+from uwcoop.charts.places import NO_PROJECTION, frame_for, is_metric
 from uwcoop.charts.windows import window_sums
 from uwcoop.errors import ChartError
-from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text
+from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text, transformer
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
-    Grid = NDArray[np.float64]
+    Grid = NDArray[Any]
 
-MAX_NODES = 50_000_000
-"""A grid of more nodes than this (200 MB of depths) is refused before anything is read or made."""
+MAX_NODES = 16_000_000
+"""A grid of more nodes than this is refused before anything is read or made: 4 km × 4 km at one metre, and half a
+gigabyte of memory on the way to a chart."""
 
 
 CORRELATION_LENGTH_M = 10.0
 """Usual correlation length of a surveyed chart's error, where nothing measures it."""
-NO_PROJECTION = "no projection: positions taken as local metres, place on Earth unknown"
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ def check_size(rows: int, cols: int) -> None:
     if rows * cols > MAX_NODES:
         raise ChartError(
             f"chart grid of {rows} x {cols} = {rows * cols:,} nodes is above {MAX_NODES:,}: "
-            "cut it to the mission's area, or choose a larger cell"
+            "give the mission's area, or choose a larger cell"
         )
 
 
@@ -87,7 +90,7 @@ def chart_from_raster(
     step_x, step_y = _step(raster.x, "x"), _step(raster.y, "y")
     check_cell(cell_m)
     notes = list(raster.notes)
-    frame, place = _frame(raster, origin)
+    frame, place = _frame(raster, origin, notes)
     if frame is not None and place is None:
         grid = _resample_projected(raster, frame, cell_m, notes)
     else:
@@ -106,7 +109,7 @@ def chart_from_raster(
     sigma = _sigma(grid, quality, notes)
     length = _correlation_length(sigma, quality, notes)
     return Chart(
-        depth_m=grid.depth_m.astype(np.float32),
+        depth_m=grid.depth_m,
         east0_m=grid.east0_m,
         north0_m=grid.north0_m,
         cell_m=grid.cell_m,
@@ -133,43 +136,15 @@ def check_cell(cell_m: float | None) -> None:
         raise ChartError(f"chart cell_m {cell_m} must be finite and above 0 m")
 
 
-def horizontal(crs: Any) -> Any:
-    """The horizontal part of a pyproj CRS that may have a vertical one too."""
-    return crs.sub_crs_list[0] if crs.is_compound else crs
-
-
-def middle_of(crs: Any, x: float, y: float) -> tuple[float, float]:
-    """WGS 84 latitude and longitude, degrees, of a place in `crs`."""
-    from pyproj import Transformer
-
-    longitude, latitude = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(x, y)
-    if not (np.isfinite(latitude) and np.isfinite(longitude)):
-        raise ChartError(f"position ({x:g}, {y:g}) is outside the projection {crs_text(crs)}")
-    return float(latitude), float(longitude)
-
-
-def is_metric(crs: Any) -> bool:
-    """Whether a projection's axes are in metres."""
-    return bool(crs.is_projected) and all(
-        abs(axis.unit_conversion_factor - 1) < 1e-12 for axis in crs.axis_info
-    )
-
-
-def frame_for(crs: Any, x: float, y: float, origin: Origin | None) -> LocalFrame:
-    """The local frame of positions in `crs` around `origin` or, without one, around (x, y)."""
-    own = crs_text(crs) if is_metric(crs) else None
-    if origin is not None and origin.latitude_deg is not None and origin.longitude_deg is not None:
-        return LocalFrame.at(origin.latitude_deg, origin.longitude_deg, origin.crs or own)
-    latitude, longitude = middle_of(crs, x, y)
-    return LocalFrame.at(latitude, longitude, own)
-
-
-def _frame(raster: Raster, origin: Origin | None) -> tuple[LocalFrame | None, tuple[float, float] | None]:
+def _frame(
+    raster: Raster, origin: Origin | None, notes: list[str]
+) -> tuple[LocalFrame | None, tuple[float, float] | None]:
     """The frame, and its zero's place on the raster's own axes: None when those are of another projection."""
     if raster.crs is None:
         return None, None
     x, y = (float(axis[0] + axis[-1]) / 2 for axis in (raster.x, raster.y))
-    frame = frame_for(raster.crs, x, y, origin)
+    frame, found = frame_for(raster.crs, x, y, origin)
+    notes.extend(found)
     same = is_metric(raster.crs) and crs_of(frame.origin.crs) == crs_of(crs_text(raster.crs))
     if not same:
         return frame, None
@@ -204,63 +179,102 @@ def _lookup(values: Grid, x: Grid, y: Grid, at_x: Grid, at_y: Grid) -> Grid:
     return np.where(inside, total, np.nan)
 
 
+_NEARLY_SQUARE = 1.05
+_BAND_NODES = 1 << 18
+"""Nodes that are looked up at a time: memory beside the grids themselves stays small."""
+
+
 def _resample_axes(raster: Raster, x: Grid, y: Grid, cell_m: float) -> _Grid:
     cols, rows = (int((axis[-1] - axis[0]) / cell_m + 1e-9) + 1 for axis in (x, y))
     check_size(rows, cols)
-    at_x, at_y = np.meshgrid(x[0] + cell_m * np.arange(cols), y[0] + cell_m * np.arange(rows))
-    depth, sigma = (
-        None if values is None else _lookup(_smoothed(values, x, y, cell_m), x, y, at_x, at_y)
-        for values in (raster.depth_m, raster.sigma_m)
-    )
-    assert depth is not None
+    east, north = x[0] + cell_m * np.arange(cols), y[0] + cell_m * np.arange(rows)
+    depth, sigma = _looked_up(raster, (x, y), (x, y), (east, north), cell_m, lambda e, n: (e, n))
     return _Grid(depth, sigma, float(x[0]), float(y[0]), cell_m)
 
 
 def _resample_projected(raster: Raster, frame: LocalFrame, cell_m: float | None, notes: list[str]) -> _Grid:
     """Resample to local metres through the inverse projection of every new node."""
-    from pyproj import Transformer
-
-    there = Transformer.from_crs(raster.crs, crs_of(frame.origin.crs), always_xy=True)
-    edge_x = np.concatenate(
-        [raster.x, raster.x, np.full_like(raster.y, raster.x[0]), np.full_like(raster.y, raster.x[-1])]
-    )
-    edge_y = np.concatenate(
-        [np.full_like(raster.x, raster.y[0]), np.full_like(raster.x, raster.y[-1]), raster.y, raster.y]
-    )
-    edge_e, edge_n = (
-        a - offset for a, offset in zip(there.transform(edge_x, edge_y), frame.offset_m, strict=True)
-    )
-    if not (np.isfinite(edge_e).all() and np.isfinite(edge_n).all()):
-        raise ChartError(
-            f"chart reaches outside the local projection: {raster.x[0]:g} to {raster.x[-1]:g}, "
-            f"{raster.y[0]:g} to {raster.y[-1]:g} is too large an area"
-        )
+    there = transformer(raster.crs, crs_of(frame.origin.crs))
+    edge_e, edge_n = _edge(raster, there, frame)
     size_e, size_n = float(np.ptp(edge_e)), float(np.ptp(edge_n))
     step_e, step_n = size_e / (raster.x.size - 1), size_n / (raster.y.size - 1)
-    cell = cell_m if cell_m is not None else float(f"{min(step_e, step_n):.3g}")
-    cols, rows = int(size_e / cell + 1e-9) + 1, int(size_n / cell + 1e-9) + 1
+    cell = cell_m if cell_m is not None else _square_cell(step_e, step_n)
+    cols, rows = round(size_e / cell) + 1, round(size_n / cell) + 1
     check_size(rows, cols)
     # Nodes at whole multiples of the cell: charts made around one origin with one cell share their nodes.
     east0, north0 = (cell * np.ceil(edge.min() / cell - 1e-9) for edge in (edge_e, edge_n))
-    at_e, at_n = np.meshgrid(east0 + cell * np.arange(cols), north0 + cell * np.arange(rows))
-    at_x, at_y = there.transform(at_e + frame.offset_m[0], at_n + frame.offset_m[1], direction="INVERSE")
-    if raster.crs.is_geographic:  # a chart across the date line may count its degrees past 180
-        at_x = raster.x[0] + np.mod(at_x - raster.x[0] + 1e-9, 360.0) - 1e-9
-    scaled_x, scaled_y = (
-        raster.x * (step_e / _step(raster.x, "x")),
-        raster.y * (step_n / _step(raster.y, "y")),
-    )
-    depth, sigma = (
-        None
-        if values is None
-        else _lookup(_smoothed(values, scaled_x, scaled_y, cell), raster.x, raster.y, at_x, at_y)
-        for values in (raster.depth_m, raster.sigma_m)
-    )
-    assert depth is not None
+
+    def back(e: Grid, n: Grid) -> tuple[Grid, Grid]:
+        at_x, at_y = there.transform(e + frame.offset_m[0], n + frame.offset_m[1], direction="INVERSE")
+        if raster.crs.is_geographic:  # a chart across the date line may count its degrees past 180
+            at_x = raster.x[0] + np.mod(at_x - raster.x[0] + 1e-9, 360.0) - 1e-9
+        return at_x, at_y
+
+    scaled = raster.x * (step_e / _step(raster.x, "x")), raster.y * (step_n / _step(raster.y, "y"))
+    nodes = east0 + cell * np.arange(cols), north0 + cell * np.arange(rows)
+    depth, sigma = _looked_up(raster, scaled, (raster.x, raster.y), nodes, cell, back)
     notes.append(
         f"projected and resampled bilinearly from cells of {step_e:.4g} x {step_n:.4g} m to {cell:.6g} m"
     )
     return _Grid(depth, sigma, float(east0), float(north0), cell)
+
+
+def _square_cell(step_e: float, step_n: float) -> float:
+    """The side of a square cell for cells of two sides: as large where they are nearly square, else the finer."""
+    low, high = sorted((step_e, step_n))
+    return float(f"{np.sqrt(low * high) if high < _NEARLY_SQUARE * low else low:.3g}")
+
+
+def _edge(raster: Raster, there: Any, frame: LocalFrame) -> tuple[Grid, Grid]:
+    """Local eastings and northings of the raster's outermost nodes."""
+    x = np.concatenate(
+        [raster.x, raster.x, np.full_like(raster.y, raster.x[0]), np.full_like(raster.y, raster.x[-1])]
+    )
+    y = np.concatenate(
+        [np.full_like(raster.x, raster.y[0]), np.full_like(raster.x, raster.y[-1]), raster.y, raster.y]
+    )
+    east, north = (a - offset for a, offset in zip(there.transform(x, y), frame.offset_m, strict=True))
+    if not (np.isfinite(east).all() and np.isfinite(north).all()):
+        raise ChartError(
+            f"chart reaches outside the local projection: {raster.x[0]:g} to {raster.x[-1]:g}, "
+            f"{raster.y[0]:g} to {raster.y[-1]:g} is too large an area"
+        )
+    return east, north
+
+
+def _looked_up(
+    raster: Raster,
+    metres: tuple[Grid, Grid],
+    axes: tuple[Grid, Grid],
+    nodes: tuple[Grid, Grid],
+    cell_m: float,
+    back: Callable[[Grid, Grid], tuple[Grid, Grid]],
+) -> tuple[Grid, Grid | None]:
+    """Depth and sigma at new nodes.
+
+    Args:
+        raster: the grids.
+        metres: the raster's axes in metres, to average over what fits a new cell.
+        axes: the raster's axes, in the unit of what `back` gives.
+        nodes: eastings and northings of the new nodes.
+        cell_m: their distance.
+        back: positions on the raster's axes of eastings and northings, each (M, cols).
+    """
+    east, north = nodes
+    grids = [
+        None if values is None else _smoothed(values, *metres, cell_m)
+        for values in (raster.depth_m, raster.sigma_m)
+    ]
+    made = [None if values is None else np.empty((north.size, east.size), np.float32) for values in grids]
+    band = max(1, _BAND_NODES // east.size)
+    for start in range(0, north.size, band):
+        rows = slice(start, start + band)
+        at = back(*np.meshgrid(east, north[rows]))
+        for values, target in zip(grids, made, strict=True):
+            if values is not None and target is not None:
+                target[rows] = _lookup(values, *axes, *at)
+    assert made[0] is not None
+    return made[0], made[1]
 
 
 def _smoothed(values: Grid, x: Grid, y: Grid, cell_m: float) -> Grid:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.charts.raster import CORRELATION_LENGTH_M
-from uwcoop.charts.surface import linear_near, medians, robust_sd, spatial, verde
+from uwcoop.charts.surface import blocks, linear_near, medians, robust_sd, spatial
 from uwcoop.errors import ChartError
 
 if TYPE_CHECKING:
@@ -264,13 +264,19 @@ def _fold(soundings: Triples, test: NDArray[np.bool_], cell_m: float) -> tuple[T
 
 def _block_folds(reduced: Triples, size_m: float) -> list[tuple[Triples, Triples]]:
     e, n, z = reduced
-    points = np.column_stack([e, n])
-    if np.unique(np.floor(points / size_m), axis=0).shape[0] < _FOLDS:
+    block = np.unique(blocks(e, n, size_m), return_inverse=True)[1]
+    count = np.bincount(block)
+    if count.size < _FOLDS:
         return []
-    splitter = verde().BlockKFold(spacing=size_m, n_splits=_FOLDS, shuffle=True, random_state=0)
+    # Blocks in a drawn order, cut into folds of about as many soundings each.
+    order = np.random.default_rng(0).permutation(count.size)
+    before = np.cumsum(count[order]) - count[order]
+    fold_of = np.empty(count.size, dtype=np.intp)
+    fold_of[order] = before * _FOLDS // e.size
     return [
-        ((e[test], n[test], z[test]), (e[train], n[train], z[train]))
-        for train, test in splitter.split(points)
+        ((e[test], n[test], z[test]), (e[~test], n[~test], z[~test]))
+        for k in range(_FOLDS)
+        for test in (fold_of[block] == k,)
     ]
 
 

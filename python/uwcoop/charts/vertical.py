@@ -1,17 +1,18 @@
 """What a file's numbers mean: their unit, and whether they grow downwards.
 
 A chart that is read upside down or in feet still looks like a chart, so nothing here is silent: what a file
-states is used, what it does not state is found or assumed and noted, and what contradicts itself is refused.
+states is used and noted, what it does not state is found or assumed and noted, and what contradicts itself is refused.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from uwcoop.charts.plausible import without_fills, without_impossible
 from uwcoop.errors import ChartError
 
 if TYPE_CHECKING:
@@ -26,6 +27,9 @@ _UNIT_NAMES = {
         "feet",
         "us survey foot",
         "us survey feet",
+        "us ft",
+        "ftus",
+        "foot us",
         "international foot",
         "international feet",
     },
@@ -50,8 +54,14 @@ class Stated:
 
 
 def depths_from(
-    values: NDArray[np.float64], stated: Stated, positive: str | None, depth_unit: str | None
-) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    values: NDArray[Any],
+    stated: Stated,
+    positive: str | None,
+    depth_unit: str | None,
+    *,
+    nodata: float | None = None,
+    counted: str = "nodes",
+) -> tuple[NDArray[Any], tuple[str, ...]]:
     """Depths in metres, positive down, NaN where there is no water, and notes on how they were found.
 
     Args:
@@ -59,27 +69,31 @@ def depths_from(
         stated: what the file says about them.
         positive: "up" or "down" overrides the file; None believes it.
         depth_unit: "m", "ft" or "fathom" overrides the file; None believes it.
+        nodata: a number of the file that means "no data", beside those that are found.
+        counted: what a value belongs to, for notes.
 
     Raises:
-        ChartError: no numbers; feet or fathoms that nobody asked for; an unknown unit; nothing under water.
+        ChartError: no numbers; an unknown unit; nothing under water.
     """
-    if not np.isfinite(values).any():
-        raise ChartError(f"chart of {values.size} values holds no depth: all are holes")
-    factor, unit_note = _metres_per_unit(stated.unit, depth_unit)
+    factor, unit_note = metres_per_unit(stated.unit, depth_unit)
+    values, fill_notes = without_fills(values, factor, nodata, counted)
     downwards, sign_note = _is_downwards(values, stated, positive)
-    depth = values * (factor if downwards else -factor)
-    notes = [unit_note, sign_note]
+    depth = values * np.asarray(factor if downwards else -factor, dtype=values.dtype)
+    depth, height_notes = without_impossible(depth, counted)
+    notes = [unit_note, sign_note, *fill_notes, *height_notes]
     with np.errstate(invalid="ignore"):
         dry = depth <= 0
     if dry.any():
-        share = dry.sum() / np.isfinite(values).sum()
+        share = dry.sum() / np.isfinite(depth).sum()
         if share == 1:
             raise ChartError(
                 f"chart values {np.nanmin(values):g} to {np.nanmax(values):g} leave no depth below the "
                 f"surface when read as positive {'down' if downwards else 'up'}: give positive='up' or 'down'"
             )
         depth = np.where(dry, np.nan, depth)
-        notes.append(f"{100 * share:.2g} % of the values lie at or above the surface: made holes")
+        notes.append(f"{100 * share:.2g} % of the {counted} lie at or above the surface: made holes")
+    if not np.isfinite(depth).any():
+        raise ChartError(f"chart of {values.size} values holds no depth: all are holes")
     return depth, tuple(notes)
 
 
@@ -89,7 +103,12 @@ def unit_of(text: str) -> str:
     return next((unit for unit, names in _UNIT_NAMES.items() if plain in names), plain)
 
 
-def _metres_per_unit(stated: str, asked: str | None) -> tuple[float, str]:
+def metres_per_unit(stated: str, asked: str | None) -> tuple[float, str]:
+    """Metres of one unit of a file's numbers, as asked or as the file states, and a note on who said so.
+
+    Raises:
+        ChartError: a unit that is unknown.
+    """
     unit = unit_of(stated)
     if asked is not None:
         if asked not in METRES_PER_UNIT:
@@ -101,11 +120,11 @@ def _metres_per_unit(stated: str, asked: str | None) -> tuple[float, str]:
     if unit == "m":
         return 1.0, "depth unit stated: metres"
     if unit in METRES_PER_UNIT:
-        raise ChartError(f"depth unit is {stated!r}, not metres: give depth_unit={unit!r} to convert it")
+        return METRES_PER_UNIT[unit], f"depth unit stated: {stated}, converted to metres"
     raise ChartError(f"depth unit {stated!r} is unknown: give depth_unit as m, ft or fathom")
 
 
-def _is_downwards(values: NDArray[np.float64], stated: Stated, asked: str | None) -> tuple[bool, str]:
+def _is_downwards(values: NDArray[Any], stated: Stated, asked: str | None) -> tuple[bool, str]:
     """Whether numbers grow downwards, and a note on who said so."""
     if asked is not None:
         if asked not in ("up", "down"):
@@ -114,14 +133,14 @@ def _is_downwards(values: NDArray[np.float64], stated: Stated, asked: str | None
     positive = stated.positive.strip().lower()
     if positive in ("up", "down"):
         return positive == "down", f"positive {positive}: stated by the attribute positive"
-    standard = _direction(stated.standard_name)
+    standard = direction_of(stated.standard_name)
     if standard:
         return (
             standard == "down",
             f"positive {standard}: stated by the standard name {stated.standard_name!r}",
         )
     by_sign = "up" if float(np.nanmedian(values)) < 0 else "down"
-    hint = _direction(stated.hint)
+    hint = direction_of(stated.hint)
     if hint == by_sign:
         return hint == "down", f"positive {hint}: named {stated.hint!r}, and the values agree"
     if hint == "up" and (values > 0).any() and (values < 0).any():
@@ -131,7 +150,8 @@ def _is_downwards(values: NDArray[np.float64], stated: Stated, asked: str | None
     return by_sign == "down", f"positive {by_sign}: not stated, found because {because}{against}"
 
 
-def _direction(name: str) -> str:
+def direction_of(name: str) -> str:
+    """ "up" or "down" as a quantity's name tells it: elevation, depth; "" for any other."""
     plain = name.lower()
     if any(word in plain for word in _UP_NAMES):
         return "up"

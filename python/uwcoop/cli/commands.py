@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from uwcoop.cli.chart_command import chart as chart_command
 from uwcoop.cli.options import (
     ChartFileOption,
     FiguresOption,
@@ -17,6 +18,7 @@ from uwcoop.cli.options import (
     SeedOption,
     SetOption,
 )
+from uwcoop.cli.scenario_commands import budget, keys, scenarios
 from uwcoop.cli.terminal import (
     OneLineErrors,
     names_of,
@@ -75,95 +77,11 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-@app.command()
-def scenarios() -> None:
-    """What is packaged: scenarios to fly and navigators to fly them with."""
-    from uwcoop.navigators import NAVIGATORS
-    from uwcoop.report.input_tables import packaged_tables
-    from uwcoop.scenario import packaged
-
-    terminal().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
+for _command in (scenarios, keys, budget):
+    app.command()(_command)
 
 
-@app.command()
-def chart(
-    file: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE",
-            help="GeoTIFF, NetCDF (CF, GMT, GEBCO), BAG, ESRI ASCII grid, soundings as CSV or XYZ; or "
-            "synthetic:st-john.",
-        ),
-    ],
-    picture: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Write depths and where terrain helps as a picture.")
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X,Y,DEPTH[,SURVEY[,TIME]]",
-            help="Of soundings: their names in the header, e.g. lon,lat,depth.",
-        ),
-    ] = None,
-    cell: Annotated[float | None, typer.Option(metavar="M", help="Distance between nodes.")] = None,
-    crs: Annotated[
-        str | None, typer.Option(metavar="EPSG:N", help='Projection of the positions, or "local" for metres.')
-    ] = None,
-    positive: Annotated[
-        str | None, typer.Option(metavar="up|down", help="The way in which the file's numbers grow.")
-    ] = None,
-    depth_unit: Annotated[
-        str | None, typer.Option(metavar="m|ft|fathom", help="Unit of the depths, which become metres.")
-    ] = None,
-    max_gap: Annotated[
-        float | None,
-        typer.Option(metavar="M", help="Of soundings: nodes farther than this from all of them are holes."),
-    ] = None,
-    from_soundings: Annotated[
-        bool,
-        typer.Option(
-            "--from-soundings",
-            help="FILE holds soundings: compare each survey with the chart made of the others.",
-        ),
-    ] = False,
-    align: Annotated[
-        bool,
-        typer.Option("--align", help="Of soundings: shift segments of 900 s until crossing ones agree."),
-    ] = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the facts as JSON on stdout, and nothing else there.")
-    ] = False,
-) -> None:
-    """What a chart holds: extent, cell, depths, holes, slopes, and where terrain tells a position."""
-    import json
-
-    from uwcoop.charts import describe, load_sounded
-    from uwcoop.report.input_tables import chart_table, residuals_table
-    from uwcoop.report.run_folder import write_chart_picture
-    from uwcoop.world.simulate import open_source
-
-    options: dict[str, Any] = {
-        "columns": columns,
-        "cell_m": cell,
-        "crs": crs,
-        "positive": positive,
-        "depth_unit": depth_unit,
-        "max_gap_m": max_gap,
-    }
-    given = {key: value for key, value in options.items() if value is not None}
-    made = load_sounded(file, align=align, **given) if from_soundings or align else None
-    found = open_source(file, **given) if made is None else made.chart
-    facts = describe(found) | ({} if made is None else made.as_dict())
-    if picture is not None:
-        write_chart_picture(found, picture)
-    if as_json:
-        typer.echo(json.dumps(facts, indent=2, allow_nan=False))
-    else:
-        terminal().print(chart_table(facts))
-        if made is not None:
-            terminal().print(residuals_table(facts))
-    if picture is not None:
-        say(f"wrote {picture}")
+app.command()(chart_command)
 
 
 @app.command()
@@ -177,10 +95,12 @@ def simulate(
     """Simulate a mission and write its log (MCAP, standard ROS 2 messages)."""
     from uwcoop.experiment.mission import LOG_SUFFIX, load_scenario
     from uwcoop.missionlog.mcap import write_log
+    from uwcoop.report.atomic_files import check_file
     from uwcoop.world.simulate import simulate as fly
 
     if output.suffix != LOG_SUFFIX:
         raise typer.BadParameter(f"{output} must end in {LOG_SUFFIX}", param_hint="-o")
+    check_file(output)
     log = fly(load_scenario(scenario, chart, settings or ()), seed)
     write_log(log, output)
     print_notes(log)
@@ -222,13 +142,13 @@ def run(
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
     from uwcoop.evaluation.metrics import summary_text
     from uwcoop.experiment.run import run as replay
-    from uwcoop.report.atomic_files import refuse_file
-    from uwcoop.report.run_folder import write_run
+    from uwcoop.report.atomic_files import check_folder
+    from uwcoop.report.run_folder import RUN_FILES, write_run
 
     names = names_of(navigator) or None
     needs_folder(figures, output, "--figures")
     if output is not None:
-        refuse_file(output)
+        check_folder(output, RUN_FILES)
     with progress(f"opening {mission}", len(names) if names else None) as step:
         result = replay(
             mission,
@@ -276,16 +196,24 @@ def study(
     figures: FiguresOption = False,
 ) -> None:
     """Many missions, the same for every navigator and variant: consistency and accuracy over all of them."""
+    from contextlib import suppress
+
+    from uwcoop.errors import ScenarioError
     from uwcoop.evaluation.metrics import summary_text
+    from uwcoop.experiment.mission import load_scenario
     from uwcoop.experiment.study import study as compare
     from uwcoop.navigators import not_realisable
     from uwcoop.report.result_tables import study_table
     from uwcoop.report.run_folder import write_study_figures
     from uwcoop.scenario import alternatives
+    from uwcoop.world.simulate import setup_notes
 
     needs_folder(resume, output, "--resume")
     needs_folder(figures, output, "--figures")
     varied = [alternatives(text) for text in vary or ()]
+    with suppress(ScenarioError):  # a variant may mend it; what is wrong in all of them the study says
+        for note in setup_notes(load_scenario(scenario, None, settings or ())):
+            say(f"note: {note}")
     with progress(f"flying {scenario}", None) as step:
         result = compare(
             scenario,
@@ -316,18 +244,6 @@ def study(
         say_written(files, output)
     if as_json:
         typer.echo(summary_text(result.summary))
-
-
-@app.command()
-def budget(
-    scenario: ScenarioArgument, navigator: NavigatorsOption = None, settings: SetOption = None
-) -> None:
-    """What talking costs: fields, bytes, frames, air time, slot and cycle; what other teams and slots would do."""
-    from uwcoop.experiment.mission import load_scenario
-    from uwcoop.experiment.packet_budget import budget as count
-    from uwcoop.report.budget_tables import budget_report
-
-    terminal().print(budget_report(count(load_scenario(scenario, None, settings or ()), names_of(navigator))))
 
 
 @app.command()

@@ -13,10 +13,24 @@ ScenarioArgument = Annotated[
         metavar="SCENARIO", help="A packaged scenario's name (`uwcoop scenarios`), or a TOML file."
     ),
 ]
+
+
+def _note_secrets(settings: list[str] | None) -> list[str] | None:
+    from uwcoop.cli.terminal import say
+    from uwcoop.scenario.secrets import sets_secret
+
+    if any(sets_secret(setting) for setting in settings or ()):
+        say(
+            "note: every user of this machine can see a key on a command line: key_env or key_file names a place for it"
+        )
+    return settings
+
+
 SetOption = Annotated[
     list[str] | None,
     typer.Option(
         "--set",
+        callback=_note_secrets,
         metavar="KEY=VALUE",
         help="Override a scenario key, e.g. acoustics.loss.probability=0.2 or navigator.mpf.particles=2000. "
         "Repeatable.",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -19,13 +21,17 @@ if TYPE_CHECKING:
 
 
 class OneLineErrors(TyperGroup):
-    """Bad input ends in one line on stderr and exit code 2; what is not expected keeps its traceback."""
+    """Bad input ends in one line on stderr and exit code 2, SIGINT in one and 130, SIGTERM in one and 143; what is not
+    expected keeps its traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         from uwcoop.errors import UwcoopError
+        from uwcoop.report.interruption import Interrupted, caught
 
         try:
-            return super().invoke(ctx)
+            with caught(), warnings.catch_warnings():
+                warnings.showwarning = _note
+                return super().invoke(ctx)
         except BrokenPipeError:
             raise  # `uwcoop … | head` is no error: click ends quietly
         except UwcoopError as error:
@@ -33,9 +39,14 @@ class OneLineErrors(TyperGroup):
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             fail(f"{where}{error.strerror or error}")
-        except KeyboardInterrupt:
-            say("interrupted")
-            raise typer.Exit(130) from None
+        except KeyboardInterrupt as stop:
+            number = stop.number if isinstance(stop, Interrupted) else signal.SIGINT
+            say("terminated" if number == signal.SIGTERM else "interrupted")
+            raise typer.Exit(128 + number) from None
+
+
+def _note(message: Warning | str, *_: Any, **__: Any) -> None:
+    say(f"note: {' '.join(str(message).split())}")
 
 
 def names_of(listed: str | None) -> list[str] | None:
@@ -85,9 +96,11 @@ def print_run(result: RunResult, console: Console) -> None:
 
 
 def print_notes(log: MissionLog) -> None:
-    """What was assumed while the chart was read."""
+    """What was assumed while the chart was read and the log was made."""
     for note in () if log.chart is None else log.chart.notes:
         say(f"chart: {note}")
+    for note in log.notes:
+        say(f"note: {note}")
 
 
 @contextmanager

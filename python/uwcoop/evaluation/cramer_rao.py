@@ -7,14 +7,13 @@ share. The bound holds for those priors and noises.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from uwcoop import _native
 from uwcoop.charts.native import native_chart
 from uwcoop.navigators import options_of
-from uwcoop.navigators.options import DRIFT_KEYS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,22 +28,8 @@ __all__ = ["BOUNDS", "bound_covariance_m2", "bound_m", "bounds_of"]
 MODEL_OF = "mpf"
 """The packaged navigator whose options are the bound's priors and noises."""
 
-_OPTIONS = (
-    *DRIFT_KEYS,
-    "bias_states",
-    "sigma_depth_m",
-    "sigma_offset0_m",
-    "sigma_offset_m_per_sounding",
-    "correlation_length_m",
-    "sigma_map_m",
-    "sounding_spacing_m",
-    "sigma_range_m",
-)
-
 SHARED_OF = "team"
 """The one whose options state what the vehicles' currents and tides have in common."""
-
-_SHARED = ("current_difference", "offset_difference_m")
 
 BOUNDS = {
     "bound_m": "root of the trace of the team's Cramér-Rao bound",
@@ -99,11 +84,7 @@ def bound_covariance_m2(
     """
     if log.chart is None or log.truth is None:
         return None
-    options = options_of(MODEL_OF, log.setup).native(log.chart.correlation_length_m)
-    shared = options_of(SHARED_OF, log.setup).model_dump()
-    model: dict[str, Any] = {name: options[name] for name in _OPTIONS} | {
-        name: shared[name] for name in _SHARED
-    }
+    stated = tuple(options_of(name, log.setup).stated() for name in (MODEL_OF, SHARED_OF))
     truth = log.truth
     position = truth["position_m"].transpose("vehicle", "time", "axis").to_numpy()
     return _native.bound(
@@ -112,7 +93,8 @@ def bound_covariance_m2(
         np.ascontiguousarray(position, dtype=np.float64),
         {kind: log.events[kind] for kind in ("fix", "water_depth", "motion") if kind in log.events},
         _ranges(log),
-        model | {"terrain": terrain, "ranges": ranges, "linearised": linearised},
+        (stated[0], stated[1]),
+        (terrain, ranges, linearised),
         np.ascontiguousarray(sample_ns, dtype=np.int64),
     )
 

@@ -24,6 +24,7 @@ import xarray as xr
 
 from uwcoop.errors import TracksError
 from uwcoop.evaluation import metrics
+from uwcoop.importers.bounded import READ_LIMIT_BYTES, refuse_array, refuse_irregular, refused
 from uwcoop.report.atomic_files import atomic_write
 
 if TYPE_CHECKING:
@@ -142,8 +143,11 @@ def read_error_series(folder: Path) -> ErrorSeries:
     path = folder / FILE
     if not path.exists():
         return {}
-    try:
+    with refused(TracksError, f"a study's errors {path}"):
+        refuse_irregular(path)
         with xr.open_dataset(path, engine="h5netcdf") as opened:
+            # A header can state any size: HDF5 fills in what a file does not hold.
+            refuse_array("their table", [opened.nbytes], 1, max(READ_LIMIT_BYTES, 1000 * path.stat().st_size))
             everything = opened.load()
         stored = everything["stored"].values.astype(bool)
         return {
@@ -152,8 +156,6 @@ def read_error_series(folder: Path) -> ErrorSeries:
             ).drop_vars(["stored", "variant", "seed"])
             for v, r in np.argwhere(stored)
         }
-    except (OSError, KeyError, ValueError) as error:
-        raise TracksError(f"{path} does not hold a study's errors: {error}") from error
 
 
 def _union(lists: Iterable[Sequence[str]]) -> list[str]:

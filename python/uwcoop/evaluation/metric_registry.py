@@ -95,6 +95,11 @@ def _rejected(run: VehicleRun) -> int | None:
     return int(count) if np.isfinite(count) else None
 
 
+def _unsent(run: VehicleRun) -> int | None:
+    """Slots left silent by the end because what there was to say did not fit; None where it was not recorded."""
+    return int(run.values("unsent")[-1]) if "unsent" in run.tracks else None
+
+
 def _rmse_over_bound(run: VehicleRun) -> float | None:
     """RMSE over the root mean square of the Cramér-Rao bound."""
     return _over_bound(run, "bound_m")
@@ -267,6 +272,13 @@ METRICS: dict[str, Metric] = {
         _rejected,
         int,
         column=Column("re-\njected", "whole"),
+    ),
+    "unsent": Metric(
+        "1",
+        "slots left silent because what there was to say did not fit",
+        _unsent,
+        int,
+        column=Column("un-\nsent", "whole"),
     ),
     "rmse_over_bound": Metric(
         "1",

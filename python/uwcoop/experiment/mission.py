@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 from uwcoop import scenario as scenarios
 from uwcoop.errors import LogError, ScenarioError
 from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog.unknown_covariance import FIX_SIGMA_M, with_stated_fixes
 from uwcoop.missionlog.validate import validate
+from uwcoop.scenario.secrets import redact
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -37,7 +39,8 @@ def open_mission(
         chart: a scenario gets it instead of its own. A log's must be this one; a log without a chart gets it,
             around the log's own origin if it is read from a file.
         overrides: "dotted.key=value" each. A log has happened: only `navigator.*` can be changed in it, and
-            `chart.*` says how to read the chart file that is given, `recording.*` how to read a recording.
+            `chart.*` says how to read the chart file that is given, `recording.*` how to read a recording,
+            `log.fix_sigma_m` what a fix of covariance 0 (unknown) is taken as.
 
     Raises:
         ScenarioError, LogError, ChartError: one line that says what is wrong.
@@ -98,16 +101,21 @@ def load_scenario(
 def _changed(log: MissionLog, chart: Chart | str | Path | None, overrides: Sequence[str]) -> MissionLog:
     """The log with its chart checked or added, and with navigators' options changed."""
     options, others = scenarios.split_overrides(overrides, "navigator")
+    of_log, others = scenarios.split_overrides(others, "log")
     reading, others = (
         scenarios.split_overrides(others, "chart") if isinstance(chart, str | Path) else ([], others)
     )
     if others:
         raise ScenarioError(
-            f"override {others[0]!r}: mission {log.name!r} is a log and has happened, "
+            f"override {redact(others[0])!r}: mission {log.name!r} is a log and has happened, "
             "only navigator.* can be changed"
         )
     if chart is not None:
         log = _with_chart(log, chart, reading)
+    told = scenarios.table_of(of_log, "log")
+    if unknown := set(told) - {"fix_sigma_m"}:
+        raise ScenarioError(f"override 'log.{min(unknown)}': a log has the option log.fix_sigma_m only")
+    log = with_stated_fixes(log, told.get("fix_sigma_m", FIX_SIGMA_M))
     return replace(log, setup=log.setup.with_overrides(options)) if options else log
 
 

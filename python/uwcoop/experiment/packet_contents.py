@@ -162,6 +162,7 @@ def _meaning(scale: tuple[str, float, float, str, float, str] | None) -> str:
         "linear": f"steps of {step:.6g}{' ' + unit if unit else ''}",
         "factor": f"steps of {100 * (step - 1):.3g} %",
         "atanh": f"steps of {step:.4g} in atanh",
+        "growing": f"steps of {step:.6g}{' ' + unit if unit else ''}, then at most 1/64 of the value",
     }[kind]
     return f"{least:.6g} to {greatest:.6g}{' ' + unit if unit else ''}, {size}, rounded {_ROUNDED[rounding]}"
 

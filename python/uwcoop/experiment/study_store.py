@@ -1,20 +1,27 @@
-"""A study's folder: `runs.csv`, appended as missions finish, and `study.json`, which says whose rows they are."""
+"""A study's folder: `runs.csv`, appended as missions finish, and `study.json`, which says whose rows they are.
+
+What is made of all rows goes away when rows are added, so that no summary of fewer missions stands beside them."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from uwcoop.errors import StudyError
 from uwcoop.evaluation.metrics import row_columns
-from uwcoop.report.atomic_files import atomic_write, refuse_file
+from uwcoop.report.atomic_files import atomic_write, check_folder
+from uwcoop.report.interruption import deferred
 
-__all__ = ["Row", "StudyStore", "text_of"]
+__all__ = ["STUDY_FILES", "Row", "StudyStore", "text_of"]
 
+OF_ALL_ROWS = ("summary.json", "boxes.png", "bytes.png", "errors_over_time.png", "information.png")
+"""Files of a study's folder that are made of all its rows, when they are complete."""
+STUDY_FILES = ("runs.csv", "study.json", *OF_ALL_ROWS)
 Row = dict[str, Any]
 """Varied keys as text, then the columns of `metrics.row_columns`."""
 
@@ -59,7 +66,7 @@ class StudyStore:
         self._started = False
         if folder is None:
             return
-        refuse_file(folder)
+        check_folder(folder, STUDY_FILES)
         if self._csv.exists():
             if not resume:
                 raise StudyError(f"{self._csv} holds a study: continue it (--resume) or take another folder")
@@ -90,8 +97,10 @@ class StudyStore:
         if not self._started:
             self._start()
             return
-        with self._csv.open("a", encoding="utf-8", newline="") as file:
+        with deferred(), self._csv.open("a", encoding="utf-8", newline="") as file:
             file.write(self._text(rows))
+            file.flush()
+            os.fsync(file.fileno())
 
     def finish(self, summary: str) -> None:
         """Sort the rows on disk by variant and run, so that the order of finishing leaves no trace, and write
@@ -117,7 +126,10 @@ class StudyStore:
 
     def _start(self) -> None:
         """Write both files with all that there is so far, whole."""
-        self._json.parent.mkdir(parents=True, exist_ok=True)
+        folder = self._json.parent
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in OF_ALL_ROWS:  # they are about the rows of before
+            (folder / name).unlink(missing_ok=True)
         with atomic_write(self._json) as partial:
             about = {**self._about, "variants": self._digests}
             partial.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")

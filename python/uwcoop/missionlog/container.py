@@ -1,7 +1,8 @@
 """The MCAP container: whole or refused, then taken apart into topics, metadata and attachments.
 
 Checks come before parsing: the magic bytes at both ends find a file that is cut off or something else, the
-CRCs of the data and summary sections find changed bytes. What still fails to parse was written that way.
+CRCs of the data and summary sections find changed bytes. What still fails to parse was written that way. Chunks are
+inflated within bounds, whatever they state: a small file cannot ask for much memory.
 """
 
 from __future__ import annotations
@@ -9,20 +10,25 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from io import BytesIO
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from uwcoop.errors import LogError
+from uwcoop.importers.bounded import ReadLimitError, inflate_lz4, inflate_zstd
 
 if TYPE_CHECKING:
-    from mcap.records import McapRecord
+    from mcap.records import Chunk, McapRecord
 
 _MAGIC = b"\x89MCAP0\r\n"
 _FOOTER = struct.Struct("<BQQQI")  # opcode, length, summary start, summary offset start, summary CRC
 _DATA_END = struct.Struct("<BQI")  # opcode, length, data section CRC
 _FOOTER_OPCODE, _DATA_END_OPCODE = 0x02, 0x0F
+CHUNK_LIMIT_BYTES = 16 * 2**20
+"""Of one inflated chunk: writers start a new one at 1 to 4 MiB."""
+INFLATED_LIMIT_BYTES, INFLATED_LIMIT_RATIO = 64 * 2**20, 64
+"""All chunks of a file may hold so much, or so many times the file: missions reach 10 times."""
 
 
 @dataclass
@@ -61,10 +67,10 @@ def parse(content: bytes) -> Contents:
         _collect(content, contents, times)
     except LogError:
         raise
-    except _parse_errors() as error:
-        lines = str(error).splitlines() or [type(error).__name__]
-        what = f"id {lines[0]} is not declared" if isinstance(error, KeyError) else lines[0]
-        raise LogError(f"damaged: {what}") from error
+    except (
+        Exception
+    ) as error:  # what the mcap package and the decompressors raise on damage is not listed anywhere
+        raise LogError(f"damaged: {_what(error)}") from error
     for topic, stamps in times.items():
         for number, (before, after) in enumerate(pairwise(stamps), start=1):
             if after < before:
@@ -128,22 +134,40 @@ def _collect(content: bytes, contents: Contents, times: dict[str, list[int]]) ->
 
 
 def _records(content: bytes) -> Iterator[McapRecord]:
-    from mcap.stream_reader import StreamReader
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
 
+    left = max(INFLATED_LIMIT_BYTES, INFLATED_LIMIT_RATIO * len(content))
     # No record can be longer than its file; a damaged length must not make the reader ask for memory.
-    yield from StreamReader(BytesIO(content), validate_crcs=True, record_size_limit=len(content)).records
+    reader = StreamReader(
+        BytesIO(content), validate_crcs=True, record_size_limit=len(content), emit_chunks=True
+    )
+    for record in reader.records:
+        if not isinstance(record, Chunk):
+            yield record
+            continue
+        inflated = _inflated(record, min(left, CHUNK_LIMIT_BYTES))
+        left -= len(inflated.data)
+        yield from breakup_chunk(inflated, validate_crc=True)
 
 
-def _parse_errors() -> tuple[type[Exception], ...]:
-    """What the mcap package and the decompressors raise on bytes that they cannot read."""
-    from mcap.exceptions import McapError
+def _inflated(chunk: Chunk, limit_bytes: int) -> Chunk:
+    """The chunk without its compression; mcap itself believes the length that the chunk states."""
+    if chunk.compression == "zstd":
+        data = inflate_zstd(chunk.data, limit_bytes)
+    elif chunk.compression == "lz4":
+        data = inflate_lz4(chunk.data, limit_bytes)
+    elif chunk.compression == "":
+        data = chunk.data
+    else:
+        raise LogError(f"damaged: a chunk is compressed by {chunk.compression[:20]!r}: must be zstd or lz4")
+    if len(data) > limit_bytes:
+        raise ReadLimitError(f"a chunk holds more than {limit_bytes / 2**20:g} MiB, the most that is read")
+    if len(data) != chunk.uncompressed_size:
+        raise LogError(f"damaged: a chunk holds {len(data)} bytes and says {chunk.uncompressed_size}")
+    return replace(chunk, compression="", data=data)
 
-    errors: list[type[Exception]] = [
-        McapError, ValueError, LookupError, ArithmeticError, EOFError, MemoryError, RuntimeError,
-        struct.error,
-    ]  # fmt: skip
-    if zstd_available():
-        from zstandard import ZstdError
 
-        errors.append(ZstdError)
-    return tuple(errors)
+def _what(error: Exception) -> str:
+    lines = str(error).splitlines() or [type(error).__name__]
+    return f"id {lines[0]} is not declared" if isinstance(error, KeyError) else lines[0][:200]

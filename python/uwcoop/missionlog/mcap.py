@@ -36,7 +36,7 @@ the yaw it was made of, hence Heading and OdometryIncrement; their standard twin
 ignores. Truth goes into `log.truth` and nowhere else. A `ros2 bag play` without an installed uwcoop_msgs
 package skips that package's topics with a warning.
 
-The MCAP metadata record `uwcoop` holds name, seed, duration, vehicles, link, origin, resolved scenario and
+The MCAP metadata record `uwcoop` holds name, seed, duration, vehicles, link, origin, resolved scenario, notes and
 the number of rows of every table (JSON); the attachment `chart` holds the chart, with its SHA-256 in the
 metadata.
 
@@ -48,7 +48,6 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 from dataclasses import asdict
 from heapq import merge
 from importlib.metadata import PackageNotFoundError, version
@@ -58,10 +57,12 @@ from typing import IO, TYPE_CHECKING, Any
 from uwcoop.acoustics.link import Link
 from uwcoop.errors import ChartError, LogError, ScenarioError
 from uwcoop.frames import Origin
+from uwcoop.importers.bounded import refuse_irregular, refused
 from uwcoop.missionlog import acoustic_topics, container, copies, topics, truth
 from uwcoop.missionlog.messages import definition, typestore
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.validate import validate
+from uwcoop.report.atomic_files import atomic_write
 from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
@@ -89,17 +90,11 @@ def write_log(log: MissionLog, path: str | os.PathLike[str]) -> None:
     streams = [*topics.encode(log), *acoustic_topics.encode_acoustics(log)]
     streams += [*copies.encode_copies(log), *truth.encode_truth(log)]
     metadata = _metadata(log)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
-        with temporary.open("xb") as file:
+        with atomic_write(target) as partial, partial.open("xb") as file:
             _write(file, streams, metadata, log.chart)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.replace(target)
     except OSError as error:
         raise LogError(f"log {target} cannot be written: {error.strerror or error}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def load_log(path: str | os.PathLike[str], chart: Chart | None = None) -> MissionLog:
@@ -113,15 +108,15 @@ def load_log(path: str | os.PathLike[str], chart: Chart | None = None) -> Missio
             belongs to another chart. One line that names the file.
     """
     source = Path(path)
-    try:
+    with refused(LogError, f"log {source}"):
+        refuse_irregular(source)
+        # As long as it is: what a log holds in memory is bounded by what it is on disk (`container`).
         content = source.read_bytes()
-    except OSError as error:
-        raise LogError(f"log {source} cannot be read: {error.strerror or error}") from error
-    try:
-        log = _assemble(container.parse(content), chart)
-        validate(log)
-    except LogError as error:
-        raise LogError(f"log {source}: {error}") from error
+        try:
+            log = _assemble(container.parse(content), chart)
+            validate(log)
+        except LogError as error:
+            raise LogError(f"log {source}: {error}") from error
     return log
 
 
@@ -186,6 +181,8 @@ def _metadata(log: MissionLog) -> dict[str, str]:
         "truth": truth.describe(log),
         "chart": None if log.chart is None else {"name": log.chart.name, "sha256": log.chart.sha256},
     }
+    if log.notes:
+        values["notes"] = log.notes
     try:
         return {key: json.dumps(value) for key, value in values.items()}
     except (TypeError, ValueError) as error:
@@ -204,6 +201,7 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
             link=Link(**about["link"]),
             origin=Origin(**about["origin"]),
             setup=MissionSetup.parse(about["scenario"]),
+            notes=_notes(about.get("notes", [])),
         )
         _check_types(file, names)
         if "slots" in rows:
@@ -220,11 +218,11 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
         if about["truth"] is not None:
             log.truth = truth.decode_truth(file.messages, names, about["truth"])
         log.chart = _chart(file, about["chart"], chart)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        if isinstance(error, LogError):
-            raise
-        if isinstance(error, ScenarioError):
-            raise LogError(str(error)) from error
+    except LogError:
+        raise
+    except ScenarioError as error:
+        raise LogError(str(error)) from error
+    except Exception as error:  # values of other kinds than ours, deep inside
         raise LogError(f"metadata is not what this version writes: {_what(error)}") from error
     return log
 
@@ -239,7 +237,7 @@ def _about(file: container.Contents) -> dict[str, Any]:
         )
     try:
         about = {key: json.loads(value) for key, value in record.items()}
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise LogError(f"metadata is not JSON: {error}") from error
     if about.get("format") != _FORMAT:
         raise LogError(f"format {about.get('format')!r} is unknown: this version reads {_FORMAT!r}")
@@ -247,6 +245,12 @@ def _about(file: container.Contents) -> dict[str, Any]:
         if not isinstance(about.get(key), kind):
             raise LogError(f"metadata {key} is {about.get(key)!r:.60}, it must be {kind.__name__}")
     return about
+
+
+def _notes(value: Any) -> tuple[str, ...]:
+    if not isinstance(value, list) or not all(isinstance(note, str) for note in value):
+        raise LogError(f"metadata notes is {value!r:.60}, it must be a list of texts")
+    return tuple(value)
 
 
 def _check_types(file: container.Contents, names: list[str]) -> None:

@@ -129,6 +129,8 @@ class MissionLog:
     """What the log keeps of its scenario."""
     truth: xr.Dataset | None = None
     """dims (vehicle, time, axis): `position_m`, `depth_m`, `yaw_rad`, `current_mps`; `time` float64 s."""
+    notes: tuple[str, ...] = ()
+    """What was assumed, dropped or converted while the log was made, one sentence each."""
     team_key: bytes | None = field(default=None, repr=False, compare=False)
     """Key of the packets' tags, in memory only: no file holds it."""
 
@@ -144,7 +146,17 @@ class MissionLog:
 
         NaNs are equal when their bits are. Truth counts; what the chart is called does not.
         """
-        for name in ("name", "seed", "vehicles", "duration_ns", "link", "origin", "setup", "payloads"):
+        for name in (
+            "name",
+            "seed",
+            "vehicles",
+            "duration_ns",
+            "link",
+            "origin",
+            "setup",
+            "notes",
+            "payloads",
+        ):
             mine, theirs = getattr(self, name), getattr(other, name)
             if mine != theirs:
                 return f"{name}: {mine!r} != {theirs!r}" if name != "payloads" else "payloads differ"

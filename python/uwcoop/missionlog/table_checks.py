@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from uwcoop._native import event_bounds
 from uwcoop.errors import LogError
 
 if TYPE_CHECKING:
@@ -16,7 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CheckedTable", "seconds_text"]
 
-_POSITIVE = {"water_depth_m", "range_m"}
+_BOUNDS = {(kind, field): (*bounds, above) for kind, field, *bounds, above in event_bounds()}
+"""By event kind and column: least and greatest value, and whether the least itself is refused; the core's table."""
 _OPTIONAL = {"range_m", "own_bearing_rad", "peer_bearing_rad"}  # NaN: not measured
 # Rounding may leave a singular covariance this much below zero, relative to its diagonal.
 _CORRELATION_SLACK = 1e-9
@@ -81,16 +83,17 @@ class CheckedTable(NamedTuple):
         self.refuse((values < 0) | (values >= count), column, f"an index into the team: 0 to {count - 1}")
 
     def check_finite(self) -> None:
-        """Every float finite (NaN where a measurement is optional), sigmas not negative, ranges positive."""
+        """Every float finite (NaN where a measurement is optional) and within the core's bounds of events."""
         for name, column in self.columns.items():
             if column.dtype.kind != "f" or name == "draws":
                 continue
             bad = ~np.isfinite(column) & ~(np.isnan(column) & (name in _OPTIONAL))
             self.refuse(bad, name, "finite")
-            if name.startswith("sigma_"):
-                self.refuse(column < 0, name, "at least 0")
-            if name in _POSITIVE:
-                self.refuse(column <= 0, name, "above 0 m")
+            if (self.name, name) in _BOUNDS:
+                least, most, above = _BOUNDS[self.name, name]
+                bound = f"above {least:g} m" if above else f"at least {least:g}"
+                self.refuse(column <= least if above else column < least, name, bound)
+                self.refuse(column > most, name, f"at most {most:g}")
 
     def check_covariance(self, names: Sequence[Sequence[str]]) -> None:
         """Variances not negative, and the matrices positive semidefinite."""

@@ -4,7 +4,15 @@ from uwcoop._native import Navigator
 from uwcoop.navigators.options import DRIFT_PRESETS, DeadReckoningOptions, DmpfOptions, MpfOptions
 from uwcoop.navigators.origin import DeifOptions, DeifRedundantOptions, MdeifOptions, OriginOptions
 from uwcoop.navigators.protocol import Context, Custom, PythonEstimate, PythonNavigator
-from uwcoop.navigators.registry import NAVIGATORS, Spec, build, build_central, not_realisable, options_of
+from uwcoop.navigators.registry import (
+    NAVIGATORS,
+    Spec,
+    build,
+    build_central,
+    not_realisable,
+    options_of,
+    read_options,
+)
 from uwcoop.navigators.team import TeamOptions
 
 __all__ = [
@@ -28,4 +36,5 @@ __all__ = [
     "build_central",
     "not_realisable",
     "options_of",
+    "read_options",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.box import SIMPLE_HEAD
@@ -12,8 +12,9 @@ from rich.text import Text
 
 if TYPE_CHECKING:
     from uwcoop.experiment.packet_budget import Budget, Cost
+    from uwcoop.scenario.keys import Key
 
-__all__ = ["budget_table", "chart_table", "packaged_tables", "residuals_table"]
+__all__ = ["budget_table", "chart_table", "keys_table", "packaged_tables", "residuals_table"]
 
 
 def packaged_tables(scenarios: Iterable[tuple[str, str]], navigators: Mapping[str, str]) -> Group:
@@ -27,6 +28,19 @@ def packaged_tables(scenarios: Iterable[tuple[str, str]], navigators: Mapping[st
             table.add_row(name, description)
         tables.append(table)
     return Group(*tables)
+
+
+def keys_table(keys: Iterable[Key]) -> Table:
+    """Keys of a scenario: what each is, and what it may be."""
+    table = _table(None, None)
+    table.add_column("key", style="bold", overflow="fold")
+    for heading in ("unit", "default"):
+        table.add_column(heading, overflow="fold")
+    table.add_column("bound, meaning")
+    for key in keys:
+        said = ". ".join(part for part in (key.case, key.bound, key.meaning) if part)
+        table.add_row(key.name, key.unit, key.default, Text(said.replace("`", "")))
+    return table
 
 
 def chart_table(facts: Mapping[str, Any]) -> Table:
@@ -43,6 +57,8 @@ def chart_table(facts: Mapping[str, Any]) -> Table:
         f"east {extent['west']:,.1f} to {extent['east']:,.1f} m, "
         f"north {extent['south']:,.1f} to {extent['north']:,.1f} m",
     )
+    if facts["corners_deg"] is not None:
+        table.add_row("corners", _corners(facts["corners_deg"]))
     table.add_row("origin", _origin(origin))
     table.add_row(
         "depth", f"{depth['min']:.2f} to {depth['max']:.2f} m, median {depth['median']:.2f} m, positive down"
@@ -116,6 +132,14 @@ def _slope_dependence(found: Mapping[str, Any]) -> str:
     return (
         f"robust sd {shown}: {found['flat_sd_m']:.2g} m on level ground and an effective horizontal error of "
         f"{found['horizontal_error_m']:.1f} m"
+    )
+
+
+def _corners(places: Iterable[Sequence[float]]) -> str:
+    """Latitude and longitude of the four outermost nodes."""
+    return ", ".join(
+        f"{name} {latitude:.6f}° {longitude:.6f}°"
+        for name, (latitude, longitude) in zip(("SW", "SE", "NE", "NW"), places, strict=True)
     )
 
 

@@ -1,4 +1,4 @@
-"""What a run leaves behind: its folder, each file whole or not at all."""
+"""What a run leaves behind: its folder, with all files of one run or of another, never of both."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from uwcoop.errors import ChartError, MissingDependencyError, TracksError
 from uwcoop.evaluation.metrics import summary_text
-from uwcoop.report.atomic_files import atomic_write, refuse_file
+from uwcoop.report.atomic_files import atomic_folder, atomic_write
+from uwcoop.report.interruption import check
 
 if TYPE_CHECKING:
     from uwcoop.charts import Chart
@@ -16,13 +17,21 @@ if TYPE_CHECKING:
     from uwcoop.experiment.study import StudyResult
 
 __all__ = [
+    "RUN_FILES",
     "resolved_scenario",
     "write_chart_picture",
     "write_run",
+    "write_run_files",
     "write_study_figures",
 ]
 
 _CHART_DPI = 130
+RUN_FILES = (
+    "summary.json", "scenario.json", "tracks.nc", "errors.png", "map.png", "replay.rrd",
+    "covariance.png", "traffic.png", "information.png", "setup.png", "uncertainty.png", "origin.png",
+    "trajectories.png", "velocities.png", "offsets.png", "reconstruction.png",
+)  # fmt: skip
+"""Every file that `write_run` may write."""
 
 
 def write_run(
@@ -32,7 +41,7 @@ def write_run(
 
     Args:
         result: what was run.
-        folder: made if it does not exist; files of an earlier run in it are replaced.
+        folder: made if it does not exist; all files of an earlier run in it are replaced at once, others stay.
         note: called with one line for each file that could not be made, because an optional dependency is
             missing or because the mission does not hold what it shows.
         figures: also `covariance.png`, `traffic.png`, `setup.png`, `uncertainty.png` and, where they are recorded,
@@ -41,9 +50,18 @@ def write_run(
 
     Returns:
         Names of the files written.
+
+    Raises:
+        OSError: the folder cannot be written; it is as it was then.
     """
-    refuse_file(folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    with atomic_folder(folder, RUN_FILES) as partial:
+        return write_run_files(result, partial, note, figures=figures)
+
+
+def write_run_files(
+    result: RunResult, folder: Path, note: Callable[[str], None], *, figures: bool = False
+) -> list[str]:
+    """As `write_run`, into a folder that exists and is put in its place by the caller."""
     writers: dict[str, Callable[[RunResult, Path], None]] = {
         "summary.json": lambda r, path: _write_json(r.summary, path),
         "scenario.json": lambda r, path: _write_json(resolved_scenario(r), path),
@@ -60,6 +78,7 @@ def write_run(
             "setup.png": _write_setup,
             "uncertainty.png": _write_uncertainty,
             "origin.png": _write_origin,
+            "current.png": _write_current,
         }
         if "role_taken" in result.log.events:
             writers |= {
@@ -70,10 +89,11 @@ def write_run(
             }
     written = []
     for name, write in writers.items():
+        check()
         try:
-            with atomic_write(folder / name) as partial:
-                write(result, partial)
+            write(result, folder / name)
         except (MissingDependencyError, TracksError) as reason:
+            (folder / name).unlink(missing_ok=True)
             note(f"{name} is left out: {reason}")
         else:
             written.append(name)
@@ -81,19 +101,15 @@ def write_run(
 
 
 def resolved_scenario(result: RunResult) -> dict[str, Any]:
-    """The mission's scenario with the seed of this run and every option of the navigators that took part.
+    """The mission's scenario with the seed of this run and every option that the navigators that took part read.
 
     `scenario.load` reads it back, so that a result can be had again when defaults have changed.
     """
-    from uwcoop.navigators import NAVIGATORS, options_of
+    from uwcoop.navigators import NAVIGATORS, options_of, read_options
 
     took_part = [str(name) for name in result.tracks["navigator"].values]
     setup = result.log.setup
-    options = {
-        name: options_of(name, setup).model_dump(exclude_none=True)
-        for name in took_part
-        if name in NAVIGATORS
-    }
+    options = {name: read_options(name, options_of(name, setup)) for name in took_part if name in NAVIGATORS}
     return setup.resolved(result.log.seed, options)
 
 
@@ -134,12 +150,15 @@ def write_chart_picture(chart: Chart, path: Path) -> None:
 
     Raises:
         MissingDependencyError: without matplotlib.
-        ChartError: a suffix that matplotlib does not know.
+        ChartError: a suffix that matplotlib does not know, or that of a GeoTIFF, which a picture is not.
     """
     from uwcoop.figures.chart import chart_figure
 
+    if path.suffix.lower() in (".tif", ".tiff"):
+        raise ChartError(f"picture {path} would be a TIFF without positions: -o {path.name} writes a GeoTIFF")
+
     figure = chart_figure(chart)
-    known = figure.canvas.get_supported_filetypes()
+    known = [kind for kind in figure.canvas.get_supported_filetypes() if not kind.startswith("tif")]
     if path.suffix[1:].lower() not in known:
         raise ChartError(f"picture {path} must end in one of .{', .'.join(known)}")
     with atomic_write(path) as partial:
@@ -233,6 +252,12 @@ def _write_uncertainty(result: RunResult, path: Path) -> None:
     from uwcoop.figures.uncertainty import uncertainty_figure
 
     uncertainty_figure(result.tracks, result.packets).savefig(path)
+
+
+def _write_current(result: RunResult, path: Path) -> None:
+    from uwcoop.figures.current import current_figure
+
+    current_figure(result.tracks, result.log.truth).savefig(path)
 
 
 def _write_origin(result: RunResult, path: Path) -> None:

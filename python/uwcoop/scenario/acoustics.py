@@ -7,17 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
-from uwcoop.acoustics.sea_water import SALINITY_PSU, TEMPERATURE_C
+from uwcoop.acoustics.modem_profiles import MODEMS
 from uwcoop.scenario.authentication import Authentication
 from uwcoop.scenario.base import NonNegative, Positive, Table
 from uwcoop.scenario.losses import IndependentLoss, Loss, NoLoss, named_vehicles
+from uwcoop.scenario.modem import Modem, ModemTable
+from uwcoop.scenario.water import SoundSpeed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["Acoustics", "Clock", "IndependentLoss", "Loss", "Mackenzie", "Modem", "NoLoss", "TwoWay"]
+    from uwcoop.acoustics.modem_profiles import ModemFigures
 
-Modem = Literal["micromodem-32", "micromodem-64", "micromodem-256", "aloc", "unlimited"]
+__all__ = ["Acoustics", "Clock", "IndependentLoss", "Loss", "Modem", "NoLoss", "TwoWay"]
 
 
 def _as_text(value: object) -> object:
@@ -33,21 +35,13 @@ class Clock(Table):
     drift_sigma_ppm: NonNegative = 0.0
 
 
-class Mackenzie(Table):
-    """Sea water whose sound speed follows from temperature, salinity and depth (Mackenzie 1981)."""
-
-    model: Literal["mackenzie"]
-    temperature_c: Annotated[float, Field(ge=TEMPERATURE_C[0], le=TEMPERATURE_C[1])]
-    salinity_psu: Annotated[float, Field(ge=SALINITY_PSU[0], le=SALINITY_PSU[1])]
-
-
 class TwoWay(Table):
     """What a poll costs. Used when ranging is "two-way"."""
 
     poll_bytes: Annotated[int, Field(ge=1, le=64)] = 2
     """A short signal of its own: the poller and the vehicle polled."""
     turnaround_s: NonNegative = 0.1
-    """From the end of a poll to the earliest launch of the reply."""
+    """From the end of a poll to the earliest launch of the reply; the modem's own, if that is longer."""
 
 
 class ExponentialOutlier(Table):
@@ -59,6 +53,11 @@ class ExponentialOutlier(Table):
     def quantile(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Metres, below which this share of the outliers lies."""
         return np.asarray(-self.mean * np.log1p(-share))
+
+    @property
+    def mean_m(self) -> float:
+        """Mean, metres."""
+        return self.mean
 
 
 class UniformOutlier(Table):
@@ -78,17 +77,23 @@ class UniformOutlier(Table):
         """Metres, below which this share of the outliers lies."""
         return np.asarray(self.low + (self.high - self.low) * share)
 
+    @property
+    def mean_m(self) -> float:
+        """Mean, metres."""
+        return (self.low + self.high) / 2
+
 
 class Acoustics(Table):
     """Who talks when over what. One slot after another; each starts on the scenario's clock."""
 
     modem: Modem
+    """A packaged modem by name, or a table of one's own."""
     slot_s: Positive
     max_range_m: Positive
     """The longest range for which the schedule keeps slots apart: the guard is what sound takes for it.
     Beyond it signals still arrive, and collide if they do."""
     guard_s: NonNegative | None = None
-    """Instead of the guard that follows from max_range_m."""
+    """Instead of the time that follows from max_range_m; the modem's turn-around comes on top."""
     order: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Senders of one cycle; empty: every vehicle once, in their order (round robin)."""
     first_slot_s: NonNegative = 0.0
@@ -102,7 +107,7 @@ class Acoustics(Table):
     two_way: TwoWay = TwoWay()
     sound_speed_mps: Positive = 1500.0
     """What the navigators believe."""
-    sound_speed: Mackenzie | None = None
+    sound_speed: SoundSpeed | None = None
     """The water's true sound speed; without it, what the navigators believe."""
     sound_speed_error_mps: float = 0.0
     """Added to the true one."""
@@ -116,6 +121,8 @@ class Acoustics(Table):
         ExponentialOutlier()
     )
     """By how much they are too long, metres."""
+    range_outlier_hold_s: NonNegative = 0.0
+    """How long two vehicles stay in a geometry that has a longer way, or has none; 0: each range by its own chance."""
     loss: Loss = NoLoss()
     losses: Annotated[tuple[Loss, ...], Field(strict=False)] = ()
     """Further losses: a frame must survive them all."""
@@ -130,9 +137,29 @@ class Acoustics(Table):
         return self
 
     @property
-    def guard(self) -> float:
-        """Silence at the end of a slot, seconds."""
+    def modem_profile(self) -> ModemFigures:
+        """Frames, rate, preamble and turn-around of the modem."""
+        return self.modem.figures if isinstance(self.modem, ModemTable) else MODEMS[self.modem]
+
+    @property
+    def modem_name(self) -> str:
+        """Name of the modem, for tables and logs."""
+        return self.modem.name if isinstance(self.modem, ModemTable) else self.modem
+
+    @property
+    def travel_s(self) -> float:
+        """Time that a slot leaves for the sound to reach everybody, seconds."""
         return self.guard_s if self.guard_s is not None else self.max_range_m / self.sound_speed_mps
+
+    @property
+    def guard(self) -> float:
+        """Silence at the end of a slot, seconds: the sound's travel, then the modem's turn-around."""
+        return self.travel_s + self.modem_profile.turnaround_s
+
+    @property
+    def reply_turnaround_s(self) -> float:
+        """From the end of a poll to the earliest launch of its reply, seconds."""
+        return max(self.two_way.turnaround_s, self.modem_profile.turnaround_s)
 
     @property
     def all_losses(self) -> tuple[Loss, ...]:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, SecretStr, model_validator
 
 from uwcoop.scenario.base import Table
+from uwcoop.scenario.secrets import HIDDEN, is_key_material
 
-HIDDEN = "**********"
-"""What stands for a key in a resolved scenario: there was one."""
+_VARIABLE = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,254}")
 KEY_DIGITS = (32, 128)
 """Fewest and most hexadecimal digits of a key: 16 to 64 bytes."""
 
@@ -26,26 +28,44 @@ def _key(value: Any) -> Any:
     return value
 
 
+def _variable(value: Any) -> Any:
+    # A key in its place would end in the message that there is no such variable.
+    if isinstance(value, str) and (is_key_material(value) or not _VARIABLE.fullmatch(value)):
+        raise ValueError("must be the name of an environment variable: letters, digits and _, no digit first")
+    return value
+
+
+def _file(value: Any) -> Any:
+    if isinstance(value, str) and is_key_material(Path(value).name):
+        raise ValueError("must be the name of a file, it looks like a key")
+    return value
+
+
 class Authentication(Table):
     """Off, or a tag on every packet, whatever the navigator: HMAC-SHA-256 with the team's key, truncated."""
 
     tag_bytes: Literal[0, 4, 8] = 0
-    """0: no tags. A forged packet passes with probability 2^-32 or 2^-64, at each try."""
+    """0: no tags. A forged packet passes with probability 2^-32 or 2^-64 at each try, of which a slot has four."""
     key_hex: Annotated[SecretStr | None, BeforeValidator(_key)] = None
     """The key, for simulations; never printed and never written to a log or a resolved scenario."""
-    key_env: Annotated[str, Field(min_length=1)] | None = None
+    key_env: Annotated[str | None, BeforeValidator(_variable)] = None
     """Name of the environment variable that holds the key's hexadecimal digits."""
-    key_file: Annotated[str, Field(min_length=1)] | None = None
+    key_file: Annotated[Annotated[str, Field(min_length=1)] | None, BeforeValidator(_file)] = None
     """A file that holds them (relative to the scenario file)."""
     mission: Annotated[int, Field(ge=0, le=2**63 - 1)] | None = None
-    """Another number for each mission that uses the same key; None: the mission's seed. Without it a packet of one
-    mission could be replayed in the same slot of the next."""
+    """Another number for each mission that uses the same key, or a packet of one mission could be replayed in the same
+    slot of the next. A key needs it; without a key, missions are simulated and their seed takes its place."""
 
     @model_validator(mode="after")
     def _one_key(self) -> Authentication:
         given = [name for name in ("key_hex", "key_env", "key_file") if getattr(self, name) is not None]
         if len(given) > 1:
             raise ValueError(f"has {' and '.join(given)}: the key has one place")
+        if given and self.mission is None:
+            raise ValueError(
+                f"has {given[0]} and no mission: must have another number for each mission that uses the key, "
+                "or yesterday's packets are good today"
+            )
         return self
 
     @property

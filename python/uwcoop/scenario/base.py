@@ -15,6 +15,10 @@ Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(ge=0, le=1)]
 Point = Annotated[tuple[float, float], Field(strict=False)]
 """East and north, metres (or metres per second for a velocity)."""
+Latitude = Annotated[float, Field(ge=-90, le=90)]
+Longitude = Annotated[float, Field(ge=-180, le=360)]
+PlaceDeg = Annotated[tuple[Latitude, Longitude], Field(strict=False)]
+"""Latitude and longitude, degrees, WGS 84."""
 
 
 class Table(BaseModel):

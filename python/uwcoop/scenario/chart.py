@@ -91,6 +91,10 @@ class ChartSpec(Table):
     crs: str | None = None
     positive: Literal["up", "down"] | None = None
     depth_unit: Literal["m", "ft", "fathom"] | None = None
+    nodata: float | None = None
+    """A number of the file that means "no data", where it does not say so."""
+    area: str | Annotated[tuple[float, float, float, float], Field(strict=False)] | None = None
+    """Latitude and longitude of two opposite corners, degrees: only this part of the file is read."""
     columns: str | Annotated[tuple[str, ...], Field(strict=False)] | None = None
     cell_m: Positive | None = None
     max_gap_m: Positive | None = None

@@ -14,18 +14,33 @@ from typing import Any
 from pydantic import ValidationError
 
 from uwcoop.errors import ScenarioError
+from uwcoop.importers.bounded import read_text, refused
 from uwcoop.scenario.base import nearest
 from uwcoop.scenario.chart import SYNTHETIC, ChartSpec
 from uwcoop.scenario.models import Scenario
+from uwcoop.scenario.secrets import redact
 from uwcoop.scenario.validation_message import one_line
 
 _PACKAGE = files("uwcoop.scenario") / "packaged_scenarios"
+_SCENARIO_LIMIT_BYTES = 4 * 2**20  # tomllib takes up to 100 bytes of memory for each byte of nested brackets
 _BARE_WORD = re.compile(r"[A-Za-z][\w:./-]*")
 
 
 def packaged() -> list[tuple[str, str]]:
     """Name and description of every packaged scenario, by name."""
     return [(name, str(_packaged_table(name).get("description", ""))) for name in _packaged_names()]
+
+
+def packaged_text(name: str) -> str:
+    """The file of a packaged scenario, to start one's own from.
+
+    Raises:
+        ScenarioError: no scenario of this name is packaged.
+    """
+    known = _packaged_names()
+    if name not in known:
+        raise ScenarioError(f"scenario {name!r} is not packaged: {nearest(name, known)}")
+    return (_PACKAGE / f"{name}.toml").read_text(encoding="utf-8")
 
 
 def load(
@@ -146,7 +161,7 @@ def alternatives(override: str) -> tuple[str, list[Any]]:
     dotted, text = _halves(override)
     try:
         parsed = tomllib.loads(f"value = [{text}]")
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = {}
     if parsed.keys() == {"value"}:
         values = list(parsed["value"])
@@ -154,7 +169,7 @@ def alternatives(override: str) -> tuple[str, list[Any]]:
         values = [_value(part.strip(), override) for part in text.split(",")]
     texts = [json.dumps(value, default=str) for value in values]
     if not values or len(set(texts)) < len(texts):
-        raise ScenarioError(f"{override!r}: needs one value or more, no two the same")
+        raise ScenarioError(f"{redact(override)!r}: needs one value or more, no two the same")
     return dotted, values
 
 
@@ -162,20 +177,22 @@ def _halves(override: str) -> tuple[str, str]:
     dotted, equals, text = override.partition("=")
     keys = [key.strip() for key in dotted.split(".")]
     if not equals or not all(keys):
-        raise ScenarioError(f"override {override!r} is not of the form dotted.key=value")
+        raise ScenarioError(f"override {redact(override)!r} is not of the form dotted.key=value")
     return ".".join(keys), text.strip()
 
 
 def _value(text: str, override: str) -> Any:
     try:
         parsed = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+    except (tomllib.TOMLDecodeError, RecursionError):
         parsed = {}
     if parsed.keys() == {"value"}:
         return parsed["value"]
     if _BARE_WORD.fullmatch(text):
         return text
-    raise ScenarioError(f'override {override!r}: {text!r} is no TOML value (a text needs quotes: "...")')
+    raise ScenarioError(
+        f'override {redact(override)!r}: {redact(text)!r} is no TOML value (a text needs quotes: "...")'
+    )
 
 
 def _set(table: dict[str, Any], keys: list[str], value: Any, override: str) -> None:
@@ -190,7 +207,9 @@ def _set(table: dict[str, Any], keys: list[str], value: Any, override: str) -> N
             index = _entry(at, key, ".".join(keys[:depth]), override)
         else:
             above = ".".join(keys[:depth])
-            raise ScenarioError(f"override {override!r}: '{above}' is {at!r}, not a table")
+            raise ScenarioError(
+                f"override {redact(override)!r}: '{above}' is {redact(repr(at))}, not a table"
+            )
         if last:
             at[index] = value
         else:
@@ -205,7 +224,7 @@ def _entry(entries: list[Any], key: str, above: str, override: str) -> int:
         return names.index(key)
     known = ", ".join(str(name) for name in names if name is not None)
     raise ScenarioError(
-        f"override {override!r}: '{above}' has no entry {key!r}: "
+        f"override {redact(override)!r}: '{above}' has no entry {key!r}: "
         f"0 to {len(entries) - 1}{' or ' + known if known else ''}"
     )
 
@@ -217,16 +236,13 @@ def _packaged_names() -> list[str]:
 
 
 def _packaged_table(name: str) -> dict[str, Any]:
-    return tomllib.loads((_PACKAGE / f"{name}.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(packaged_text(name))
 
 
 def _read(path: Path) -> dict[str, Any]:
-    try:
-        text = path.read_text(encoding="utf-8")
+    with refused(ScenarioError, f"scenario {path}"):
+        text = read_text(path, _SCENARIO_LIMIT_BYTES)
         table = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise ScenarioError(f"scenario {path} cannot be read: {reason}") from error
     if not isinstance(table, dict):
         raise ScenarioError(f"scenario {path} cannot be read: it is not a table")
     return table
@@ -238,11 +254,17 @@ def _resolve_paths(table: dict[str, Any], folder: Path) -> None:
     source = chart.get("source") if isinstance(chart, dict) else None
     if isinstance(chart, dict) and isinstance(source, str) and not source.startswith(SYNTHETIC):
         chart["source"] = str(folder / source)
+    area = table.get("area")
+    if isinstance(area, dict) and isinstance(area.get("file"), str):
+        area["file"] = str(folder / area["file"])
     acoustics = table.get("acoustics")
     given = [acoustics.get("loss"), acoustics.get("losses")] if isinstance(acoustics, dict) else []
     for loss in [given[0], *given[1]] if given and isinstance(given[1], list) else given:
         if isinstance(loss, dict) and isinstance(loss.get("file"), str):
             loss["file"] = str(folder / loss["file"])
+    water = acoustics.get("sound_speed") if isinstance(acoustics, dict) else None
+    if isinstance(water, dict) and isinstance(water.get("file"), str):
+        water["file"] = str(folder / water["file"])
     tags = acoustics.get("authentication") if isinstance(acoustics, dict) else None
     if isinstance(tags, dict) and isinstance(tags.get("key_file"), str):
         tags["key_file"] = str(folder / tags["key_file"])

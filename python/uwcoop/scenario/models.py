@@ -8,11 +8,12 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from uwcoop.scenario.acoustics import Acoustics
-from uwcoop.scenario.base import NAME, NonNegative, Positive, Table, nearest
+from uwcoop.scenario.area import Area
+from uwcoop.scenario.base import NAME, Latitude, Longitude, NonNegative, Positive, Table, nearest
 from uwcoop.scenario.chart import ChartSpec
 from uwcoop.scenario.landmark import Deployment, Exchange, Hover, Kidnap, Mutual
 from uwcoop.scenario.sensors import Sensors
-from uwcoop.scenario.vehicle import Drift, Fleet, Lawnmower, Vehicle, Waypoints
+from uwcoop.scenario.vehicle import AreaShare, Drift, Fleet, Lawnmower, Vehicle, Waypoints
 from uwcoop.scenario.world import Current, NoCurrent, Tide, Waves
 
 _NOT_OF_THE_WORLD = ("navigator", "navigators", "metrics")
@@ -24,6 +25,13 @@ class Metrics(Table):
 
     settle_s: NonNegative = 50.0
     """Errors count from here on."""
+
+
+class Place(Table):
+    """`[origin]`: where on Earth the local frame's zero lies, for a scenario whose chart does not say it."""
+
+    latitude_deg: Latitude
+    longitude_deg: Longitude
 
 
 class Diagnostics(Table):
@@ -57,6 +65,10 @@ class Scenario(Table):
     """Whole seconds: the world moves in steps of one."""
     chart: ChartSpec | None = None
     """The seabed; None: there is none, for vehicles that navigate without it."""
+    origin: Place | None = None
+    """Of the local frame, WGS 84; without it the chart's."""
+    area: Area | None = None
+    """What vehicles with `path.kind = "area"` survey together."""
     vehicles: Vehicles
     drift: Drift = Field(default_factory=lambda: Drift.model_validate({}))
     current: Current = NoCurrent()
@@ -142,6 +154,21 @@ class Scenario(Table):
         return self
 
     @model_validator(mode="after")
+    def _area_has_vehicles(self) -> Scenario:
+        shares = any(isinstance(vehicle.path, AreaShare) for vehicle in self.team)
+        if shares != (self.area is not None):
+            missing = "table area" if shares else 'vehicle with path.kind = "area"'
+            there = 'a vehicle with path.kind = "area"' if shares else "a table area"
+            raise ValueError(f"has {there} but no {missing}: must have both")
+        return self
+
+    @model_validator(mode="after")
+    def _one_origin(self) -> Scenario:
+        if self.origin is not None and self.deployment.latitude_deg is not None:
+            raise ValueError("has origin and deployment.latitude_deg: the frame has one origin")
+        return self
+
+    @model_validator(mode="after")
     def _landmarks_can_alternate(self) -> Scenario:
         if self.exchange is None:
             given = {"hover", "deployment", "mutual", "kidnap"} & self.model_fields_set
@@ -165,13 +192,8 @@ class Scenario(Table):
                 if name is not None and name not in names:
                     raise ValueError(f"{key} names {name!r}: no such vehicle, {nearest(name, names)}")
         path = next(vehicle.path for vehicle in self.team if vehicle.name == main[0])
-        first = path.start_m if isinstance(path, Lawnmower) else (0.0, 0.0)
-        first = path.waypoints_m[0] if isinstance(path, Waypoints) else first
-        if first != (0.0, 0.0):
-            raise ValueError(
-                f"vehicle {main[0]} starts at [{first[0]:g}, {first[1]:g}]: the first landmark's pose is the frame, "
-                "its path must start at [0, 0]"
-            )
+        assert isinstance(path, Waypoints | Lawnmower)
+        check_starts_at_zero(main[0], path)
         if self.acoustics.ranging != "one-way":
             raise ValueError(
                 "acoustics.ranging is 'two-way': with exchange the table mutual says how ranges are had"
@@ -183,6 +205,16 @@ class Scenario(Table):
         """The first landmark and the first mover of a mission with `exchange`."""
         named = None if self.exchange is None else self.exchange.main
         return named or (self.team[0].name, self.team[1].name)
+
+
+def check_starts_at_zero(name: str, path: Waypoints | Lawnmower) -> None:
+    """Refuse a path in metres of the first landmark that does not start at [0, 0]; degrees are placed later."""
+    first = path.start_m if isinstance(path, Lawnmower) else path.waypoints_m and path.waypoints_m[0]
+    if first and first != (0.0, 0.0):
+        raise ValueError(
+            f"vehicle {name} starts at [{first[0]:g}, {first[1]:g}]: the first landmark's pose is the frame, "
+            "its path must start at [0, 0]"
+        )
 
 
 def _default(table: str) -> object:

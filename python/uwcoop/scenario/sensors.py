@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from uwcoop.scenario.base import NonNegative, Point, Positive, Table
+from uwcoop.scenario.base import NonNegative, Point, Positive, Probability, Table
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,12 +16,39 @@ Rate = Annotated[float, Field(ge=0, le=1000)]
 """Events per second from the start on; 0 switches the sensor off."""
 
 
+class Fault(Table):
+    """Readings of one sensor that go wrong for a while; what the sensor states of its error does not change."""
+
+    kind: Literal["dropout", "stuck", "value"]
+    """dropout: no readings. stuck: the last reading before it again and again. value: `value` in their place, as a
+    saturated echo sounder or a DVL without bottom track (-32.768) writes."""
+    from_s: NonNegative
+    to_s: Positive
+    """Readings at from_s or later and before to_s."""
+    value: float | None = None
+    """In the sensor's unit (m, °, m/s), on each axis."""
+    share: Probability = 1.0
+    """Of the readings in this time that are struck, drawn one by one."""
+
+    @model_validator(mode="after")
+    def _is_whole(self) -> Fault:
+        if self.to_s <= self.from_s:
+            raise ValueError(f"to_s is {self.to_s:g}: must be above from_s, {self.from_s:g}")
+        if (self.kind == "value") != (self.value is not None):
+            raise ValueError(f"kind is {self.kind!r}: value belongs to kind 'value', and to no other")
+        return self
+
+
+Faults = Annotated[tuple[Fault, ...], Field(strict=False)]
+
+
 class WaterDepthSensor(Table):
     """Altimeter plus depth sensor: water depth."""
 
     rate_hz: Rate = 1.0
     sigma_m: NonNegative = 0.05
     """Of the sum. For recorded soundings nothing is added; this is what the event states."""
+    faults: Faults = ()
 
 
 class DepthSensor(Table):
@@ -29,6 +56,7 @@ class DepthSensor(Table):
 
     rate_hz: Rate = 1.0
     sigma_m: NonNegative = 0.02
+    faults: Faults = ()
 
 
 class HeadingSensor(Table):
@@ -36,6 +64,7 @@ class HeadingSensor(Table):
 
     rate_hz: Rate = 1.0
     sigma_deg: NonNegative = 0.5
+    faults: Faults = ()
 
 
 class TurnRateSensor(Table):
@@ -61,6 +90,7 @@ class GroundVelocitySensor(Table):
     """Relative error of the speed, drawn for each vehicle and mission."""
     misalignment_sigma_deg: NonNegative = 0.0
     """Clockwise error of the mounting, drawn for each vehicle and mission."""
+    faults: Faults = ()
 
     def sigma_at(self, speed_mps: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviation on each axis at speeds (K,), m/s."""
@@ -116,6 +146,11 @@ class Sensors(Table):
                         f"odometry.{name} is 0: must be above 0, its covariance is part of the event"
                     )
         return self
+
+    def faults(self, kind: str) -> tuple[Fault, ...]:
+        """Faults of the sensor that gives this kind of event."""
+        found: tuple[Fault, ...] = getattr(getattr(self, kind, None), "faults", ())
+        return found
 
     def replaced_by(self, other: Sensors | None) -> Sensors:
         """These sensors with those that `other`'s author gave in their place."""

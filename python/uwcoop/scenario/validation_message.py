@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from uwcoop.scenario.secrets import redact
+
 if TYPE_CHECKING:
     from pydantic import ValidationError
     from pydantic_core import ErrorDetails
@@ -98,5 +100,5 @@ def _dotted(location: tuple[int | str, ...], data: Any, *, last_is_key: bool) ->
 
 def _shown(value: Any) -> str:
     text = f"{value:g}" if isinstance(value, float) else repr(value)
-    text = " ".join(text.split())
+    text = redact(" ".join(text.split()))
     return text if len(text) <= 60 else f"{text[:57]}..."

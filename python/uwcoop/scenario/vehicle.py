@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from uwcoop.scenario.base import NAME, NonNegative, Point, Positive, Table
+from uwcoop.scenario.base import NAME, NonNegative, PlaceDeg, Point, Positive, Table
 from uwcoop.scenario.sensors import Sensors
 
 DRIFT_PRESETS: dict[str, dict[str, float | bool]] = {
@@ -98,12 +99,20 @@ class Lawnmower(Table):
     """A given lawn mower. Legs alternate; each is to the right of the one before, seen along the first."""
 
     kind: Literal["lawnmower"]
-    start_m: Point
+    start_m: Point | None = None
+    """East and north of the first leg's start."""
+    start_deg: PlaceDeg | None = None
+    """Its latitude and longitude, in place of start_m."""
     heading_deg: float
     """Of the first leg, clockwise from north."""
     leg_m: Positive
     spacing_m: Annotated[float, Field(description="negative: legs advance to the left")]
     legs: Annotated[int, Field(ge=1)]
+
+    @model_validator(mode="after")
+    def _one_start(self) -> Lawnmower:
+        _one_of(self, "start_m", "start_deg")
+        return self
 
     @model_validator(mode="after")
     def _legs_apart(self) -> Lawnmower:
@@ -116,21 +125,36 @@ class Waypoints(Table):
     """Straight lines from waypoint to waypoint."""
 
     kind: Literal["waypoints"]
-    waypoints_m: Annotated[tuple[Point, ...], Field(strict=False, min_length=2)]
+    waypoints_m: Annotated[tuple[Point, ...], Field(strict=False, min_length=2)] | None = None
+    """East and north."""
+    waypoints_deg: Annotated[tuple[PlaceDeg, ...], Field(strict=False, min_length=2)] | None = None
+    """Latitude and longitude, in place of waypoints_m."""
 
     @model_validator(mode="after")
     def _points_apart(self) -> Waypoints:
-        for k, (a, b) in enumerate(zip(self.waypoints_m, self.waypoints_m[1:], strict=False)):
-            if a == b:
-                raise ValueError(f"waypoints_m {k} and {k + 1} are the same point [{a[0]:g}, {a[1]:g}]")
+        _one_of(self, "waypoints_m", "waypoints_deg")
+        for key in ("waypoints_m", "waypoints_deg"):
+            points = getattr(self, key) or ()
+            for k, (a, b) in enumerate(pairwise(points)):
+                if a == b:
+                    raise ValueError(f"{key} {k} and {k + 1} are the same point [{a[0]:.12g}, {a[1]:.12g}]")
         return self
+
+
+class AreaShare(Table):
+    """A share of the lines over the scenario's `[area]`, which all vehicles with this path survey together."""
+
+    kind: Literal["area"]
 
 
 class Adrift(Table):
     """Not under way: the velocity is pushed about at random and forgotten, so that the vehicle stays around."""
 
     kind: Literal["adrift"]
-    start_m: Point
+    start_m: Point | None = None
+    """East and north."""
+    start_deg: PlaceDeg | None = None
+    """Latitude and longitude, in place of start_m."""
     push_m2ps3: Positive = 1e-4
     """Spectral density of the white acceleration on each axis."""
     velocity_time_s: Positive = 500.0
@@ -138,8 +162,18 @@ class Adrift(Table):
     spread_m: Positive = 250.0
     """In the long run, standard deviation of the position around its start on each axis."""
 
+    @model_validator(mode="after")
+    def _one_start(self) -> Adrift:
+        _one_of(self, "start_m", "start_deg")
+        return self
 
-Path = Annotated[RandomLawnmower | Lawnmower | Waypoints | Adrift, Field(discriminator="kind")]
+
+def _one_of(table: Table, in_metres: str, in_degrees: str) -> None:
+    if (getattr(table, in_metres) is None) == (getattr(table, in_degrees) is None):
+        raise ValueError(f"needs {in_metres} or {in_degrees}, one of the two")
+
+
+Path = Annotated[RandomLawnmower | Lawnmower | Waypoints | Adrift | AreaShare, Field(discriminator="kind")]
 
 
 class TrackColumns(Table):
@@ -169,17 +203,23 @@ class Track(Table):
     """A recorded track, followed exactly; its soundings, if it has any, replace the simulated ones."""
 
     file: str
-    """CSV with a header line, relative to the scenario file; `.gz` is read too."""
-    columns: TrackColumns
+    """Text table (CSV and its kin, gzipped or not), relative to the scenario file."""
+    columns: TrackColumns | None = None
+    """Names of its columns; without them what the header calls time, position, sounding."""
     crs: str | None = None
     """Projection of east and north, e.g. "EPSG:32654"; without it they are the chart's local metres."""
-    time_unit: Literal["s", "ms"] = "s"
+    time_unit: Literal["s", "ms", "us", "ns"] | None = None
+    """Of a time that is a number; without it the column's name or the size of the numbers tells it."""
     where: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
     """Only rows in which these columns hold these values, e.g. one survey of a file with many."""
     start_s: NonNegative = 0.0
     """How far into the record the mission starts."""
     max_gap_s: Positive = 120.0
     """A longer silence in the record is refused; shorter ones become a straight line without soundings."""
+    max_speed_mps: Positive = 15.0
+    """A faster move from row to row is refused: the position is wrong."""
+    drop_without_fix: bool = False
+    """Leave out rows at latitude and longitude 0, as receivers write them before their first fix; else refuse them."""
 
 
 class VehicleBase(Table):
@@ -199,7 +239,13 @@ class Fleet(VehicleBase):
 
     count: Annotated[int, Field(ge=1, le=64)]
     prefix: Annotated[str, Field(min_length=1, pattern=NAME)] = "V"
-    path: RandomLawnmower = RandomLawnmower()
+    path: Annotated[RandomLawnmower | AreaShare, Field(discriminator="kind")] = RandomLawnmower()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _random_path_unless_told(cls, data: Any) -> Any:
+        path = data.get("path") if isinstance(data, dict) else None
+        return {**data, "path": {"kind": "random-lawnmower", **path}} if isinstance(path, dict) else data
 
 
 class Vehicle(VehicleBase):

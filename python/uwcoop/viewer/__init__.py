@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uwcoop.errors import LogError, MissingDependencyError, UwcoopError
+from uwcoop.report.atomic_files import atomic_write, finish_swap
+from uwcoop.report.interruption import forget
 from uwcoop.viewer import landmark, plots, posegraph, scene, traffic
 from uwcoop.viewer.layout import blueprint
 from uwcoop.viewer.stage import Stage
@@ -52,36 +54,33 @@ def write_replay(
         MissingDependencyError: without rerun.
     """
     rr = _rerun()
-    target = Path(path)
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
     strict = rr.strict_mode()
     rr.set_strict_mode(True)  # otherwise a wrong column is a warning and a hole in the replay
     try:
         stage = Stage.of(tracks, chart, log)
         recording = rr.RecordingStream("uwcoop")
-        recording.save(
-            partial,
-            default_blueprint=blueprint(
-                stage,
-                tracks,
-                packets,
-                clouds,
-                posegraph.kept(stage, tracks, packets),
-                events="role_taken" in log.events,
-            ),
-        )
-        recording.send_recording_name(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}")
-        scene.send(recording, stage, tracks, chart, clouds)
-        traffic.send(recording, stage, packets, log)
-        landmark.send(recording, stage, log)
-        posegraph.send(recording, stage, tracks, packets)
-        plots.send(recording, stage, tracks)
-        recording.flush()
-        recording.disconnect()
-        os.replace(partial, target)
+        with atomic_write(Path(path)) as partial:
+            recording.save(
+                partial,
+                default_blueprint=blueprint(
+                    stage,
+                    tracks,
+                    packets,
+                    clouds,
+                    posegraph.kept(stage, tracks, packets),
+                    events="role_taken" in log.events,
+                ),
+            )
+            recording.send_recording_name(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}")
+            scene.send(recording, stage, tracks, chart, clouds)
+            traffic.send(recording, stage, packets, log)
+            landmark.send(recording, stage, log)
+            posegraph.send(recording, stage, tracks, packets)
+            plots.send(recording, stage, tracks)
+            recording.flush()
+            recording.disconnect()
     finally:
         rr.set_strict_mode(strict)
-        partial.unlink(missing_ok=True)
 
 
 def view(folder: str | os.PathLike[str], *, web: bool = False) -> None:
@@ -95,13 +94,17 @@ def view(folder: str | os.PathLike[str], *, web: bool = False) -> None:
         UwcoopError: the viewer cannot start, for instance for want of a display.
     """
     replay = Path(folder)
-    replay = replay if replay.suffix == ".rrd" else replay / REPLAY_NAME
+    if replay.suffix != ".rrd":
+        if replay.is_dir():
+            finish_swap(replay)
+        replay /= REPLAY_NAME
     if not replay.is_file():
         raise LogError(f"no replay {replay}: `uwcoop run MISSION -o {folder}` writes one")
     _rerun()
     try:
         code = subprocess.run(viewer_command(replay, web=web), check=False).returncode
     except KeyboardInterrupt:  # the viewer got it too: this is how one closes the browser form
+        forget()
         return
     if code:
         raise UwcoopError(

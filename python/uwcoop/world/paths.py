@@ -49,17 +49,24 @@ def waypoints_of(
     Raises:
         ScenarioError: a random path without a chart, or a chart that has no room for it.
     """
-    if isinstance(path, Waypoints):
-        return np.array(path.waypoints_m)
-    if isinstance(path, Lawnmower):
-        yaw = float(yaw_from_heading(path.heading_deg))
-        return lawnmower(path.start_m, yaw, path.leg_m, path.spacing_m, path.legs)
+    if isinstance(path, Waypoints | Lawnmower):
+        return fixed_corners(path)
     if chart is None:
         raise ScenarioError(
             f"vehicle {vehicle.name}: a random lawn mower is laid on a chart, and the scenario has none: "
             "give a [chart], or vehicles.path of another kind"
         )
     return _random_lawnmower(path, vehicle, chart, length_m, rng)
+
+
+def fixed_corners(path: Lawnmower | Waypoints) -> Points:
+    """Corners of a path in local metres, (N, 2) east and north; degrees are `places.placed` before."""
+    if isinstance(path, Waypoints):
+        assert path.waypoints_m is not None
+        return np.array(path.waypoints_m)
+    assert path.start_m is not None
+    yaw = float(yaw_from_heading(path.heading_deg))
+    return lawnmower(path.start_m, yaw, path.leg_m, path.spacing_m, path.legs)
 
 
 def lawnmower(

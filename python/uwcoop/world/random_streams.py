@@ -44,6 +44,7 @@ class Purpose(IntEnum):
     POLL = 23
     SURVEY = 24
     SEABED = 25
+    SENSOR_FAULTS = 26
     LANDING = 50
     DEPLOYMENT = 51
     MUTUAL_NOISE = 52

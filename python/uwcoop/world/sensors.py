@@ -17,6 +17,7 @@ from uwcoop.frames import turned, wrap_angle
 from uwcoop.missionlog.model import EVENT_COLUMNS, Columns
 from uwcoop.world.landmark.hovering import HoverMotion
 from uwcoop.world.random_streams import TEAM, Purpose, stream
+from uwcoop.world.sensor_faults import AXES, with_faults
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -101,6 +102,10 @@ def _vehicle_events(
         rows.append(("odometry", odometry_events(sensors.odometry, moved, rng(Purpose.ODOMETRY))))
     if sensors.gps is not None:
         rows.append(("fix", gps_events(sensors.gps, moved, rng(Purpose.GPS))))
+    for k, (kind, table) in enumerate(rows):
+        if faults := sensors.faults(kind):
+            luck = stream(seed, index, Purpose.SENSOR_FAULTS, list(AXES).index(kind))
+            rows[k] = kind, with_faults(kind, table, faults, luck)
     return rows
 
 

@@ -12,12 +12,13 @@ import numpy as np
 from uwcoop import acoustics
 from uwcoop import scenario as scenarios
 from uwcoop.errors import ChartError, ScenarioError
-from uwcoop.frames import LocalFrame, Origin
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world import sensors
+from uwcoop.world.places import coverage_notes, placed
 from uwcoop.world.random_streams import TEAM, Purpose, stream
+from uwcoop.world.tracks import read_tracks
 from uwcoop.world.vehicles import team_motion
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
     from uwcoop.charts import Chart
     from uwcoop.charts.survey import SurveyPlan
+    from uwcoop.frames import Origin
     from uwcoop.missionlog.model import Columns
     from uwcoop.scenario.chart import ChartSpec
     from uwcoop.scenario.models import Scenario
@@ -60,8 +62,12 @@ def simulate(
         raise ScenarioError(f"seed is {seed}: must be at least 0")
     names = tuple(vehicle.name for vehicle in scenario.team)
     seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
+    place = placed(scenario, chart)
+    world = place.scenario
     flown = (
-        _alternating(scenario, seed) if scenario.exchange is not None else _scheduled(scenario, seabed, seed)
+        _alternating(world, seed)
+        if world.exchange is not None
+        else _scheduled(world, seabed, place.origin, seed)
     )
     return MissionLog(
         name=scenario.name,
@@ -69,16 +75,32 @@ def simulate(
         vehicles=names,
         duration_ns=round(scenario.duration_s) * 1_000_000_000,
         link=acoustics.link_of(scenario.acoustics),
-        events=sensors.events_of(scenario, seabed, flown.motion, seed, flown.events),
+        events=sensors.events_of(world, seabed, flown.motion, seed, flown.events),
         slots=flown.slots,
         opportunities=flown.opportunities,
         polls=acoustics.polls(scenario.acoustics, flown.slots, flown.motion, seed, names),
         chart=chart,
-        origin=_origin(scenario) if chart is None else chart.origin,
+        origin=place.origin,
         setup=MissionSetup.of(scenario),
         truth=_truth(names, flown.motion),
+        notes=(*place.notes, *flown.notes, *_water_notes(scenario, flown.motion)),
         team_key=scenario.acoustics.authentication.key,
     )
+
+
+def setup_notes(scenario: Scenario) -> tuple[str, ...]:
+    """What is assumed, dropped or converted whatever the seed: of recorded tracks and of the area. A study, which keeps
+    no logs, prints these.
+
+    Raises:
+        ScenarioError, ChartError: as `simulate`.
+    """
+    if scenario.area is None and all(vehicle.track is None for vehicle in scenario.team):
+        return ()
+    chart = None if scenario.chart is None else open_chart(scenario.chart)
+    place = placed(scenario, chart)
+    records = read_tracks(place.scenario.team, chart, place.origin, round(scenario.duration_s))
+    return (*place.notes, *(note for record in records.values() for note in record.notes))
 
 
 @dataclass(frozen=True)
@@ -89,15 +111,19 @@ class _Flown:
     slots: Columns
     opportunities: Columns
     events: dict[str, Columns]
+    notes: tuple[str, ...] = ()
 
 
-def _scheduled(scenario: Scenario, seabed: Chart | None, seed: int) -> _Flown:
+def _scheduled(scenario: Scenario, seabed: Chart | None, origin: Origin, seed: int) -> _Flown:
     """Paths and slots that do not depend on each other."""
     names = tuple(vehicle.name for vehicle in scenario.team)
     slots = acoustics.schedule(scenario.acoustics, names, scenario.duration_s)
-    motion = team_motion(scenario, seabed, seed)
+    records = read_tracks(scenario.team, seabed, origin, round(scenario.duration_s))
+    motion = team_motion(scenario, seabed, seed, records)
     heard = acoustics.opportunities(scenario.acoustics, slots, motion, seed, names)
-    return _Flown(motion, slots, heard, {})
+    notes = [note for record in records.values() for note in record.notes]
+    notes += coverage_notes(scenario, seabed, motion)
+    return _Flown(motion, slots, heard, {}, tuple(notes))
 
 
 def _alternating(scenario: Scenario, seed: int) -> _Flown:
@@ -108,11 +134,9 @@ def _alternating(scenario: Scenario, seed: int) -> _Flown:
     return _Flown(course.motion, course.slots, course.opportunities, course.events)
 
 
-def _origin(scenario: Scenario) -> Origin:
-    place = scenario.deployment
-    if place.latitude_deg is None or place.longitude_deg is None:
-        return Origin()
-    return LocalFrame.at(place.latitude_deg, place.longitude_deg).origin
+def _water_notes(scenario: Scenario, motion: Sequence[Motion]) -> list[str]:
+    note = acoustics.profile_note(scenario.acoustics, np.concatenate([moved.depth_m for moved in motion]))
+    return [] if note is None else [note]
 
 
 def _seabed_and_chart(
@@ -168,13 +192,14 @@ def open_chart(spec: ChartSpec) -> Chart:
     return open_source(spec.source, **spec.options())
 
 
-def open_source(source: str, **options: Any) -> Chart:
-    """The chart of a source as scenarios write it: "synthetic:NAME", or a path with `load_chart`'s options.
+def open_source(source: str | Sequence[str], **options: Any) -> Chart:
+    """The chart of a source as scenarios write it: "synthetic:NAME", or a path, or several of soundings, with
+    `load_chart`'s options.
 
     Raises:
         ChartError: an unknown synthetic chart, or a file that cannot be read as a chart.
     """
-    if source.startswith(SYNTHETIC):
+    if isinstance(source, str) and source.startswith(SYNTHETIC):
         if of_files := sorted(options.keys() - {"seed", "relief"}):
             raise ChartError(f"{of_files[0]} is for chart files: {source} is made, not read")
         return _synthetic(source.removeprefix(SYNTHETIC), tuple(options.items()))

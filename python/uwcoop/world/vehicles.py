@@ -14,13 +14,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.frames import turned, wrap_angle, yaw_from_heading
-from uwcoop.scenario.vehicle import Adrift
+from uwcoop.scenario.vehicle import Adrift, AreaShare
 from uwcoop.scenario.world import ConstantCurrent, NoCurrent
 from uwcoop.world.paths import Pursuit, waypoints_of
 from uwcoop.world.random_streams import TEAM, Purpose, stream
-from uwcoop.world.track_file import Record, read_track
+from uwcoop.world.tracks import Record, read_tracks
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import NDArray
 
     from uwcoop.charts import Chart
@@ -106,19 +108,29 @@ class Motion:
         return k, inside - k
 
 
-def team_motion(scenario: Scenario, chart: Chart | None, seed: int) -> list[Motion]:
+def team_motion(
+    scenario: Scenario, chart: Chart | None, seed: int, records: Mapping[str, Record] | None = None
+) -> list[Motion]:
     """The motion of every vehicle of a scenario.
+
+    Args:
+        scenario: its places in local metres.
+        chart: what vehicles sound.
+        seed: of the mission.
+        records: of the vehicles with a recorded track, by name; None: read them.
 
     Raises:
         ScenarioError: a random path finds no room, a recorded track cannot be used.
     """
     steps = round(scenario.duration_s)
     current = current_of(scenario.current, steps, seed)
+    if records is None:
+        records = read_tracks(scenario.team, chart, None, steps)
     moved = []
     for index, vehicle in enumerate(scenario.team):
         errors = _Errors.drawn(vehicle.drift or scenario.drift, steps, seed, index)
         if vehicle.track is not None:
-            moved.append(_follow_record(read_track(vehicle, chart, steps), errors, current))
+            moved.append(_follow_record(records[vehicle.name], errors, current))
         elif isinstance(vehicle.path, Adrift):
             rng = stream(seed, index, Purpose.PATH)
             moved.append(_float_about(vehicle.path, vehicle.depth_m, errors, steps, rng))
@@ -182,7 +194,7 @@ def _follow_path(
     """Steer along the planned path by the true position: the path is driven, whatever the compass says."""
     steps = len(current) - 1
     assert vehicle.path is not None
-    assert not isinstance(vehicle.path, Adrift)
+    assert not isinstance(vehicle.path, Adrift | AreaShare)
     corners = waypoints_of(vehicle.path, vehicle, chart, vehicle.speed_mps * steps, rng)
     pursuit = Pursuit(corners, vehicle.look_ahead_m)
     push = current + errors.velocity + errors.bias
@@ -213,6 +225,7 @@ def _float_about(
     damping = 1.0 / path.velocity_time_s
     sigma = math.sqrt(path.push_m2ps3 / (2 * damping))
     stiffness = (sigma / path.spread_m) ** 2
+    assert path.start_m is not None
     start = np.array(path.start_m)
     velocity = np.empty((steps + 1, 2))
     position = np.empty((steps + 1, 2))

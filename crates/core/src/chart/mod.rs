@@ -9,7 +9,7 @@
 
 mod hole_filling;
 
-use crate::error::{Error, finite, non_negative, positive};
+use crate::error::{Error, non_negative};
 use crate::kernels::lookup::{self, Grid, Paired};
 
 /// Standard deviation of a chart's error.
@@ -57,9 +57,7 @@ impl Chart {
         sigma_map: SigmaMap,
         correlation_length_m: f64,
     ) -> Result<Self, Error> {
-        if rows < 2 || cols < 2 || rows.saturating_mul(cols) >= i32::MAX as usize {
-            return Err(Error::Chart(format!("{rows} × {cols} nodes, outside 2 × 2 to 2^31 nodes")));
-        }
+        lookup::check_geometry(rows, cols, east0_m, north0_m, cell_m)?;
         if depth_m.len() != rows * cols {
             return Err(Error::Length {
                 quantity: "chart depths",
@@ -67,9 +65,6 @@ impl Chart {
                 expected: rows * cols,
             });
         }
-        finite("chart east0_m", east0_m)?;
-        finite("chart north0_m", north0_m)?;
-        positive("chart cell_m", cell_m)?;
         non_negative("chart correlation_length_m", correlation_length_m)?;
         match &sigma_map {
             SigmaMap::Uniform(sigma) => {

@@ -29,6 +29,29 @@ pub fn symmetrized<const D: usize>(matrix: &SMatrix<f64, D, D>) -> SMatrix<f64, 
     (matrix + matrix.transpose()) * 0.5
 }
 
+/// Rounding may take a correlation this much above one.
+const CORRELATION_ROUNDING: f64 = 1e-10;
+
+/// Whether a mean is finite and every pair of a covariance's leading `size` entries is one of a Gaussian: no variance
+/// below zero, correlations of at most one. Where sums of numbers of very different size have lost their digits, one of
+/// these fails. What is known exactly has a variance and covariances of zero.
+pub(super) fn is_sound<'a>(
+    mut mean: impl Iterator<Item = &'a f64>,
+    size: usize,
+    entry: impl Fn(usize, usize) -> f64,
+) -> bool {
+    mean.all(|x| x.is_finite())
+        && (0..size).all(|row| {
+            let variance = entry(row, row);
+            variance.is_finite()
+                && variance >= 0.0
+                && (0..row).all(|column| {
+                    let covariance = entry(row, column);
+                    covariance * covariance <= variance * entry(column, column) * (1.0 + CORRELATION_ROUNDING)
+                })
+        })
+}
+
 impl<const D: usize> Gaussian<D> {
     /// Its information form.
     ///
@@ -77,11 +100,23 @@ impl<const D: usize> Gaussian<D> {
             .cholesky()
             .ok_or(Error::NotPositiveDefinite { quantity: "innovation covariance" })?;
         let gain = s.solve(&cross.transpose()).transpose();
-        self.mean += gain * (value - observe * self.mean);
+        let mean = self.mean + gain * (value - observe * self.mean);
         let keep = SMatrix::<f64, D, D>::identity() - gain * observe;
-        self.covariance =
+        let covariance =
             symmetrized(&(keep * self.covariance * keep.transpose() + gain * noise * gain.transpose()));
+        let updated = Self { mean, covariance };
+        if !updated.is_sound() {
+            return Err(Error::NotPositiveDefinite { quantity: "updated covariance" });
+        }
+        *self = updated;
         Ok(())
+    }
+
+    /// Whether it is finite, every variance is above zero, and none is below what its covariances ask for.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        is_sound(self.mean.iter(), D, |row, column| self.covariance[(row, column)])
+            && self.covariance.diagonal().iter().all(|variance| *variance > 0.0)
     }
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::gaussian::is_sound;
 use super::{Gaussian, NODE, NodeMatrix, NodeVector};
 use crate::error::Error;
 
@@ -175,8 +176,33 @@ impl Joint {
         squared.is_finite().then_some(Innovation { cross, weight, off, covariance, squared })
     }
 
+    /// Whether every node is finite with a covariance that is one. Nodes may be copies of each other, so correlations
+    /// between them are not looked at.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        (0..self.nodes()).all(|node| {
+            let at = node * NODE;
+            let mean = self.mean.iter().skip(at).take(NODE);
+            is_sound(mean, NODE, |row, column| self.covariance[(at + row, at + column)])
+        })
+    }
+
     /// Fuses what [`Joint::innovation`] of this very joint gave.
-    pub fn fuse<const M: usize>(&mut self, innovation: &Innovation<M>) {
+    ///
+    /// # Errors
+    /// [`Error::NotPositiveDefinite`] where the numbers differ so much in size that what is left is no Gaussian; nothing
+    /// has changed then.
+    pub fn fuse<const M: usize>(&mut self, innovation: &Innovation<M>) -> Result<(), Error> {
+        let before = self.clone();
+        self.condition(innovation);
+        if self.is_sound() {
+            return Ok(());
+        }
+        *self = before;
+        Err(Error::NotPositiveDefinite { quantity: "covariance of nodes after a measurement" })
+    }
+
+    fn condition<const M: usize>(&mut self, innovation: &Innovation<M>) {
         let Innovation { cross, weight, off, .. } = innovation;
         let gain = cross * weight;
         self.mean += &gain * off;
@@ -212,18 +238,24 @@ impl Joint {
     /// Fuses the factor exp(−½ xᵀΛx + ηᵀx) on one node, Λ positive semi-definite: Σ ← Σ − Σ_b (I + ΛΣ_bb)⁻¹ Λ Σ_bᵀ.
     ///
     /// # Errors
-    /// [`Error::NotPositiveDefinite`] when I + ΛΣ cannot be inverted; nothing has changed then.
+    /// [`Error::NotPositiveDefinite`] when I + ΛΣ cannot be inverted, or what is left is no Gaussian; nothing has changed
+    /// then.
     pub fn inform(&mut self, node: usize, matrix: &NodeMatrix, vector: &NodeVector) -> Result<(), Error> {
         let own = self.block(node, node);
         let solve = (NodeMatrix::identity() + matrix * own)
             .try_inverse()
             .ok_or(Error::NotPositiveDefinite { quantity: "I + ΛΣ of a factor" })?;
+        let before = self.clone();
         let column = self.covariance.fixed_columns::<NODE>(node * NODE).into_owned();
         let tells = vector - matrix * self.node_mean(node);
         self.mean += &column * (solve * tells);
         let weight = super::symmetrized(&(solve * matrix));
         let reduced = &self.covariance - &column * weight * column.transpose();
         self.covariance = (&reduced + reduced.transpose()) * 0.5;
-        Ok(())
+        if self.is_sound() {
+            return Ok(());
+        }
+        *self = before;
+        Err(Error::NotPositiveDefinite { quantity: "covariance of nodes after a factor" })
     }
 }

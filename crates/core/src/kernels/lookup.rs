@@ -1,5 +1,7 @@
 //! Bilinear lookups of single points, the exact path.
 
+use crate::error::{Error, finite};
+
 /// A node value: charts hold f32, golden cases f64.
 pub trait Node: Copy {
     /// The value as f64.
@@ -38,21 +40,87 @@ pub fn paired(values: &[f32], cols: usize) -> Vec<Paired> {
     values.iter().zip(north).map(|(south, north)| [*south, *north]).collect()
 }
 
-/// A borrowed row-major grid, southernmost row first.
+/// A borrowed row-major grid, southernmost row first. What [`Grid::new`] has checked is what unchecked loads rely on.
 #[derive(Debug, Clone, Copy)]
 pub struct Grid<'a, T> {
     /// `rows · cols` values; NaN is a hole.
-    pub values: &'a [T],
+    pub(crate) values: &'a [T],
     /// Nodes from south to north.
-    pub rows: usize,
+    pub(crate) rows: usize,
     /// Nodes from west to east.
-    pub cols: usize,
+    pub(crate) cols: usize,
     /// Easting of column 0, m.
-    pub east0_m: f64,
+    pub(crate) east0_m: f64,
     /// Northing of row 0, m.
-    pub north0_m: f64,
+    pub(crate) north0_m: f64,
     /// Distance between nodes, m.
-    pub cell_m: f64,
+    pub(crate) cell_m: f64,
+}
+
+/// No node lies further from the frame's zero, m: there a double still holds a fraction of a micrometre.
+const FURTHEST_M: f64 = 1e8;
+/// Least and greatest distance between nodes, m.
+const CELL_M: [f64; 2] = [1e-3, 1e6];
+
+/// Refuses a grid of fewer than 2 × 2 nodes, of more than an `i32` counts, or whose nodes lie nowhere.
+///
+/// # Errors
+/// [`Error::Chart`], [`Error::OutsideBounds`], [`Error::NotFinite`].
+pub fn check_geometry(
+    rows: usize,
+    cols: usize,
+    east0_m: f64,
+    north0_m: f64,
+    cell_m: f64,
+) -> Result<(), Error> {
+    if rows < 2 || cols < 2 || rows.saturating_mul(cols) >= i32::MAX as usize {
+        return Err(Error::Chart(format!("{rows} × {cols} nodes, outside 2 × 2 to 2^31 nodes")));
+    }
+    let within = |quantity, value: f64, [minimum, maximum]: [f64; 2]| {
+        finite(quantity, value)?;
+        if (minimum..=maximum).contains(&value) {
+            return Ok(());
+        }
+        Err(Error::OutsideBounds { quantity, value, open: "", minimum, maximum })
+    };
+    within("chart cell_m", cell_m, CELL_M)?;
+    let sides = [("chart east0_m", east0_m, cols), ("chart north0_m", north0_m, rows)];
+    sides.into_iter().try_for_each(|(quantity, zero_m, nodes)| {
+        within(quantity, zero_m, [-FURTHEST_M, FURTHEST_M])?;
+        within(
+            "furthest node of the chart, m",
+            zero_m + (nodes - 1) as f64 * cell_m,
+            [-FURTHEST_M, FURTHEST_M],
+        )
+    })
+}
+
+impl<'a, T> Grid<'a, T> {
+    /// A grid over these values.
+    ///
+    /// # Errors
+    /// What [`check_geometry`] says; [`Error::Length`] for another number of values than nodes.
+    pub fn new(
+        values: &'a [T],
+        rows: usize,
+        cols: usize,
+        east0_m: f64,
+        north0_m: f64,
+        cell_m: f64,
+    ) -> Result<Self, Error> {
+        check_geometry(rows, cols, east0_m, north0_m, cell_m)?;
+        if values.len() != rows * cols {
+            let (found, expected) = (values.len(), rows * cols);
+            return Err(Error::Length { quantity: "values of a grid", found, expected });
+        }
+        Ok(Self { values, rows, cols, east0_m, north0_m, cell_m })
+    }
+
+    /// The same nodes with other values; itself for another number of them.
+    #[must_use]
+    pub fn with_values(self, values: &'a [T]) -> Self {
+        if values.len() == self.values.len() { Self { values, ..self } } else { self }
+    }
 }
 
 struct Corners {

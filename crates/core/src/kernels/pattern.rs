@@ -18,6 +18,8 @@ pub struct Pattern {
     points: Vec<PatternPoint>,
     /// Bounds of the offsets, m: west, south, east, north.
     reach_m: [f64; 4],
+    /// Columns and cell of the grids that it is split for.
+    split_for: (usize, f64),
 }
 
 impl Pattern {
@@ -25,6 +27,7 @@ impl Pattern {
     pub fn set<T>(&mut self, grid: &Grid<'_, T>, offsets: impl Iterator<Item = [f64; 2]>) {
         self.points.clear();
         self.reach_m = [0.0; 4];
+        self.split_for = (grid.cols, grid.cell_m);
         for [e, n] in offsets {
             let (x, y) = (e / grid.cell_m, n / grid.cell_m);
             let (column, row) = (x.floor(), y.floor());
@@ -56,7 +59,9 @@ impl Pattern {
     pub fn fits<T>(&self, grid: &Grid<'_, T>, min_m: [f64; 2], max_m: [f64; 2]) -> bool {
         let margin = 2.0 * grid.cell_m;
         let [west, south, east, north] = self.reach_m;
-        min_m[0] + west >= grid.east0_m + margin
+        // Shifts are those of one width: on another grid they would lead anywhere.
+        self.split_for == (grid.cols, grid.cell_m)
+            && min_m[0] + west >= grid.east0_m + margin
             && min_m[1] + south >= grid.north0_m + margin
             && max_m[0] + east <= grid.east0_m + (grid.cols - 1) as f64 * grid.cell_m - margin
             && max_m[1] + north <= grid.north0_m + (grid.rows - 1) as f64 * grid.cell_m - margin
@@ -356,7 +361,7 @@ pub fn pattern_blocks(
 ) -> bool {
     let n = east_m.len().min(north_m.len());
     let Some((min, max)) = bounds(&east_m[..n], &north_m[..n]) else { return false };
-    if grid.values.len() != grid.rows * grid.cols || !pattern.fits(grid, min, max) {
+    if !pattern.fits(grid, min, max) {
         return false;
     }
     #[cfg(target_arch = "x86_64")]
@@ -492,7 +497,7 @@ mod tests {
         ) {
             let (rows, cols) = (90, 110);
             let values = wavy(rows, cols);
-            let grid = Grid { values: &values, rows, cols, east0_m: 3500.0, north0_m: -1200.0, cell_m: cell };
+            let grid = Grid::new(&values, rows, cols, 3500.0, -1200.0, cell).unwrap();
             let east: Vec<f64> = seeds.iter().map(|s| 3500.0 + cell * s.0).collect();
             let north: Vec<f64> = seeds.iter().map(|s| -1200.0 + cell * s.1).collect();
             let mut pattern = Pattern::default();
@@ -526,9 +531,47 @@ mod tests {
     }
 
     #[test]
+    fn a_pattern_split_for_another_width_is_refused() {
+        let values = wavy(20, 20);
+        let grid = Grid::new(&values, 20, 20, 0.0, 0.0, 1.0).unwrap();
+        let (narrow, wide) = (wavy(20, 10), wavy(20, 40));
+        let mut pattern = Pattern::default();
+        pattern.set(&grid, [[0.0, 0.0], [1.5, 3.5]].into_iter());
+        for (values, cols) in [(&narrow, 10), (&wide, 40)] {
+            let other = Grid::new(values, 20, cols, 0.0, 0.0, 1.0).unwrap();
+            assert!(!pattern_depths(&other, &pattern, &[5.0], &[8.0], |_, _, _, _| panic!("no lookup")));
+        }
+    }
+
+    /// Every load is asserted to lie on the grid while assertions are on, here up to the edge and past it, at the
+    /// furthest places that a grid may have.
+    #[test]
+    fn no_lookup_leaves_the_grid() {
+        let values = wavy(24, 24);
+        for (zero_m, cell_m) in [(0.0, 1.0), (-1e8, 1e-3), (1e8 - 23.0, 1.0), (9e7, 1e5), (1e8 - 1.0, 0.03)] {
+            let Ok(grid) = Grid::new(&values, 24, 24, zero_m, -zero_m.abs(), cell_m) else {
+                assert!(zero_m == 9e7 && cell_m == 1e5, "{zero_m} {cell_m}");
+                continue;
+            };
+            let mut pattern = Pattern::default();
+            pattern.set(&grid, [[0.0, 0.0], [1.9 * cell_m, -1.9 * cell_m]].into_iter());
+            for k in -20..270 {
+                let along = f64::from(k) * 0.1 * cell_m;
+                let (east, north) = (zero_m + along, -zero_m.abs() + along);
+                for at in
+                    [[east, north], [east, f64::NAN], [1e18, north], [east, -1e18], [f64::MAX, f64::MIN]]
+                {
+                    pattern_depths(&grid, &pattern, &[at[0]; 3], &[at[1]; 3], |_, _, _, _| ());
+                    let _ = bilinear(&grid, at[0], at[1]);
+                }
+            }
+        }
+    }
+
+    #[test]
     fn a_pattern_that_reaches_over_the_edge_is_refused() {
         let values = wavy(20, 20);
-        let grid = Grid { values: &values, rows: 20, cols: 20, east0_m: 0.0, north0_m: 0.0, cell_m: 1.0 };
+        let grid = Grid::new(&values, 20, 20, 0.0, 0.0, 1.0).unwrap();
         let mut pattern = Pattern::default();
         pattern.set(&grid, [[0.0, 0.0], [-6.0, 0.0]].into_iter());
         assert!(!pattern_depths(&grid, &pattern, &[7.0], &[10.0], |_, _, _, _| panic!("no lookup")));

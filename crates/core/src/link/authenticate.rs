@@ -5,6 +5,7 @@ use std::fmt;
 use hmac::{Hmac, KeyInit, Mac};
 use serde::{Deserialize, Serialize};
 use sha2::Sha256;
+use zeroize::Zeroizing;
 
 use super::LinkError;
 use super::error::within;
@@ -24,7 +25,7 @@ const DOMAIN: &[u8] = b"uwcoop packet tag 1";
 /// The sender and the launch time follow from the slot and cost no bytes. A forged tag of n bytes is accepted with
 /// probability 2^(−8n), independently at each try. The launch time is also the counter against replays
 /// ([`ReplayGuard`]); it starts anew with each mission, so `mission` (the mission's epoch, say) must differ between
-/// missions that share a key. A tag shows that *some* holder of the key sent a packet: teammates can imitate each other.
+/// missions that share a key. Key material is overwritten when it is dropped. A tag shows that *some* holder of the key sent a packet: teammates can imitate each other.
 #[derive(Clone)]
 pub struct Authenticator {
     keyed: Hmac<Sha256>,
@@ -52,7 +53,8 @@ impl Authenticator {
         // At most 16, as checked above.
         derive.update(&[tag_bytes as u8]);
         derive.update(&mission.to_be_bytes());
-        Ok(Self { keyed: keyed(&derive.finalize().into_bytes())?, tag_bytes })
+        let derived = Zeroizing::new(<[u8; 32]>::from(derive.finalize().into_bytes()));
+        Ok(Self { keyed: keyed(derived.as_slice())?, tag_bytes })
     }
 
     /// Bytes that a tag adds to a packet.

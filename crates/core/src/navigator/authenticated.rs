@@ -5,10 +5,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Particles};
+use super::{Estimate, Navigator, Outcome, Particles, Profile};
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
-use crate::link::{Authenticator, ReplayGuard};
+use crate::link::{Authenticator, FailedTags, ReplayGuard};
 use crate::packet::{CRC_BYTES, append_crc, check_crc, layout};
 
 /// A navigator whose packets carry tags.
@@ -21,7 +21,8 @@ use crate::packet::{CRC_BYTES, append_crc, check_crc, layout};
 ///
 /// The tag takes the place of the checksum that packets end in: a navigator that fills what it is given fills the slot.
 ///
-/// A forged, altered or replayed packet changes nothing but the count in [`Estimate::rejected`]. A snapshot holds the
+/// A forged, altered or replayed packet changes nothing but the count in [`Estimate::rejected`], and after
+/// [`FailedTags::MOST`] forgeries in a slot nothing more is heard in it. A snapshot holds the
 /// counters and the navigator's own snapshot, never the key.
 #[derive(Debug)]
 pub struct Authenticated<N> {
@@ -34,6 +35,7 @@ pub struct Authenticated<N> {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct AuthenticatedState {
     guard: ReplayGuard,
+    failed: FailedTags,
     rejected: u64,
 }
 
@@ -44,7 +46,11 @@ impl<N: Navigator> Authenticated<N> {
             inner,
             own,
             authenticator,
-            state: AuthenticatedState { guard: ReplayGuard::new(vehicles), rejected: 0 },
+            state: AuthenticatedState {
+                guard: ReplayGuard::new(vehicles),
+                failed: FailedTags::new(vehicles),
+                rejected: 0,
+            },
         }
     }
 
@@ -59,11 +65,17 @@ impl<N: Navigator> Authenticated<N> {
         self.state.rejected
     }
 
-    /// The packet of an event without its tag, if it is authentic and new.
-    fn untagged(&self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Option<Arc<[u8]>> {
-        let packet = self.authenticator.check_tag(bytes, sender, tol_ns).ok()?;
+    /// The packet of an event without its tag, if it is authentic and new, and its slot saw few forgeries.
+    fn untagged(&mut self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Option<Arc<[u8]>> {
+        if self.state.failed.is_deaf(sender, tol_ns) {
+            return None;
+        }
+        let Ok(packet) = self.authenticator.check_tag(bytes, sender, tol_ns) else {
+            self.state.failed.count(sender, tol_ns);
+            return None;
+        };
         self.state.guard.check(sender, tol_ns).ok()?;
-        Some(if self.inner.has_checksum() {
+        Some(if self.inner.profile().has_checksum {
             append_crc(packet.to_vec(), sender, tol_ns).into()
         } else {
             packet.into()
@@ -72,14 +84,14 @@ impl<N: Navigator> Authenticated<N> {
 
     /// What a tag adds to the navigator's own packet, bytes; it may be less than nothing.
     fn cost_bytes(&self) -> isize {
-        let saved = if self.inner.has_checksum() { CRC_BYTES } else { 0 };
+        let saved = if self.inner.profile().has_checksum { CRC_BYTES } else { 0 };
         // Both are small.
         self.authenticator.tag_bytes() as isize - saved as isize
     }
 
     /// The navigator's packet as it goes on the channel.
     fn tagged(&self, packet: &[u8], tol_ns: i64) -> Result<Arc<[u8]>, Error> {
-        let has_checksum = self.inner.has_checksum();
+        let has_checksum = self.inner.profile().has_checksum;
         let payload = if has_checksum { check_crc(packet, self.own, tol_ns)? } else { packet };
         let tagged = self.authenticator.append_tag(payload, self.own, tol_ns);
         layout::note_tag(self.authenticator.tag_bytes() as u32 * 8, has_checksum);
@@ -97,7 +109,7 @@ impl<N: Navigator> Authenticated<N> {
         if usize::from(sender) >= self.state.guard.vehicles() {
             return Err(Error::UnknownVehicle { vehicle: sender, count: self.state.guard.vehicles() });
         }
-        event.payload.validate()
+        event.validate()
     }
 }
 
@@ -155,16 +167,8 @@ impl<N: Navigator> Navigator for Authenticated<N> {
         Ok(())
     }
 
-    fn has_checksum(&self) -> bool {
-        false
-    }
-
-    fn takes_ranges(&self) -> bool {
-        self.inner.takes_ranges()
-    }
-
-    fn needs_delivery_oracle(&self) -> bool {
-        self.inner.needs_delivery_oracle()
+    fn profile(&self) -> Profile {
+        Profile { has_checksum: false, ..self.inner.profile() }
     }
 
     fn information_nat(&self) -> f64 {
@@ -202,16 +206,8 @@ impl Navigator for Box<dyn Navigator> {
         self.as_mut().restore(snapshot)
     }
 
-    fn has_checksum(&self) -> bool {
-        self.as_ref().has_checksum()
-    }
-
-    fn takes_ranges(&self) -> bool {
-        self.as_ref().takes_ranges()
-    }
-
-    fn needs_delivery_oracle(&self) -> bool {
-        self.as_ref().needs_delivery_oracle()
+    fn profile(&self) -> Profile {
+        self.as_ref().profile()
     }
 
     fn information_nat(&self) -> f64 {

@@ -5,11 +5,13 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::LINEAR_STATES;
 use super::drift::Drift;
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Status, check_event, check_sender};
+use super::{Estimate, Kinds, Navigator, Outcome, Profile, Status, check_event, check_sender};
 use crate::error::Error;
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
+use crate::information::Gaussian;
 use crate::kernels::particles::displacement_map;
 
 /// Position, current, compass bias, thrust bias.
@@ -109,7 +111,7 @@ impl DeadReckoning {
             return Outcome::Gated;
         };
         let gain = cross * inverse;
-        core.mean += gain * (Vector2::from(position_m) - core.mean.fixed_rows::<2>(0));
+        let mean = core.mean + gain * (Vector2::from(position_m) - core.mean.fixed_rows::<2>(0));
         // Joseph's form: a sum of squares, which rounding cannot take below zero.
         let mut keep = Covariance::identity();
         for row in 0..D {
@@ -118,7 +120,12 @@ impl DeadReckoning {
             }
         }
         let updated = keep * core.covariance * keep.transpose() + gain * noise * gain.transpose();
-        core.covariance = (updated + updated.transpose()) * 0.5;
+        let belief = Gaussian { mean, covariance: (updated + updated.transpose()) * 0.5 };
+        if !belief.is_sound() {
+            core.rejected += 1;
+            return Outcome::Gated;
+        }
+        (core.mean, core.covariance) = (belief.mean, belief.covariance);
         Outcome::Fused
     }
 }
@@ -144,8 +151,13 @@ impl Navigator for DeadReckoning {
         Ok(None)
     }
 
-    fn takes_ranges(&self) -> bool {
-        false
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: false,
+            has_checksum: true,
+            needs_delivery_oracle: false,
+            uses: Kinds::of(&[Kind::Motion, Kind::Fix]),
+        }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
@@ -170,6 +182,18 @@ impl Navigator for DeadReckoning {
             rejected: core.rejected,
             status,
         }
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = Vec::with_capacity(9);
+        for (k, [name, name_of_sigma]) in LINEAR_STATES.into_iter().enumerate() {
+            let variance = self.core.covariance[(2 + k, 2 + k)];
+            let known = self.core.started;
+            said.push((name, if known { self.core.mean[2 + k] } else { f64::NAN }));
+            said.push((name_of_sigma, if known { variance.max(0.0).sqrt() } else { f64::NAN }));
+        }
+        said.push(("gated_fixes", self.core.rejected as f64));
+        said
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {

@@ -14,10 +14,10 @@ use super::particle_core::ParticleCore;
 use super::radio::Radio;
 use super::range::RangeOptions;
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, non_negative, positive};
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
 use crate::kernels::pattern::Pattern;
 use crate::mixture::{Mode, fit};
@@ -98,7 +98,7 @@ impl Dmpf {
         non_negative("roughening_m2", options.roughening_m2)?;
         positive("resample_share", options.resample_share)?;
         if let Some(range) = &options.range {
-            positive("sigma_range_m", range.sigma_m)?;
+            range.validate()?;
         }
         if !(1..=MODES_MAX).contains(&options.modes) {
             return Err(Error::OutOfBound {
@@ -179,6 +179,15 @@ impl Dmpf {
 
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
+        // Before the radio takes down that the packet was heard: what cannot be placed in time is refused whole.
+        if !self.state.core.remembers(toa_ns) {
+            self.state.core.rejected += 1;
+            return Outcome::Rejected;
+        }
+        // Of an error that stands from range to range nothing is renewed: it counts by the share of the rest.
+        let standing_m2 = self.state.radio.standing_m2(&range.clock, tol_ns, toa_ns);
+        let noise_m2 = range.sigma_m * range.sigma_m;
+        let range = range.inflated(standing_m2).counting(noise_m2 / (noise_m2 + standing_m2));
         let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
@@ -229,33 +238,43 @@ impl Scratch {
     }
 }
 
+impl Dmpf {
+    /// What one event does once the clock has been advanced to it.
+    fn fuse_event(&mut self, event: &Event) -> Outcome {
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.state.core.velocity_mps = *velocity_mps;
+                Outcome::Fused
+            }
+            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
+                self.state.radio.set_depth(*depth_m);
+                Outcome::Fused
+            }
+            Payload::Fix { position_m, covariance_m2 } => {
+                let outcome = self.state.core.fix(*position_m, *covariance_m2);
+                self.resample();
+                outcome
+            }
+            Payload::WaterDepth { water_depth_m, .. } if self.options.terrain => {
+                self.sounding(*water_depth_m)
+            }
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                self.reception(*sender, *tol_ns, *toa_ns, bytes)
+            }
+            _ => Outcome::Noted,
+        }
+    }
+}
+
 impl Navigator for Dmpf {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.state.core.now_ns())?;
         self.state.radio.check_sender(&event.payload)?;
         self.state.core.advance(event.t_ns);
-        match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.state.core.velocity_mps = *velocity_mps;
-                Ok(Outcome::Fused)
-            }
-            Payload::Depth { depth_m, .. } => {
-                self.state.radio.set_depth(*depth_m);
-                Ok(Outcome::Fused)
-            }
-            Payload::Fix { position_m, covariance_m2 } => {
-                let outcome = self.state.core.fix(*position_m, *covariance_m2);
-                self.resample();
-                Ok(outcome)
-            }
-            Payload::WaterDepth { water_depth_m, .. } if self.options.terrain => {
-                Ok(self.sounding(*water_depth_m))
-            }
-            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
-            }
-            _ => Ok(Outcome::Noted),
-        }
+        let rejected_before = self.state.core.rejected;
+        let outcome = self.fuse_event(event);
+        self.state.core.count_gated(&event.payload, outcome, rejected_before);
+        Ok(outcome)
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
@@ -273,8 +292,11 @@ impl Navigator for Dmpf {
         self.state.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
-    fn takes_ranges(&self) -> bool {
-        self.options.range.is_some()
+    fn profile(&self) -> Profile {
+        let ranges = self.options.range.is_some();
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix]).with(Kind::WaterDepth, self.options.terrain);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
@@ -295,6 +317,10 @@ impl Navigator for Dmpf {
 
     fn particles(&self) -> Option<Particles> {
         self.state.core.particles()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        self.state.core.diagnostics()
     }
 
     fn information_nat(&self) -> f64 {

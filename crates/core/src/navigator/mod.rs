@@ -1,16 +1,21 @@
 //! The contract of a navigator, and one module for each method.
 
 pub mod authenticated;
+pub mod clock;
 pub mod dead_reckoning;
+pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
 pub mod landmark;
 pub mod mpf;
 pub mod origin;
+pub mod packaged;
 pub mod particle_core;
+pub mod profile;
 pub mod radio;
 pub mod range;
 pub mod range_novelty;
+pub mod settings;
 pub mod snapshot;
 pub mod team;
 pub mod terrain_core;
@@ -19,6 +24,8 @@ pub mod trajectory;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+
+pub use profile::{Kinds, Profile};
 
 use crate::error::Error;
 use crate::event::{Event, VehicleId};
@@ -109,20 +116,8 @@ pub trait Navigator: Send {
     /// [`Error::Snapshot`]; nothing has changed then.
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error>;
 
-    /// True for a method that must be told which of its packets arrived; no real link can.
-    fn needs_delivery_oracle(&self) -> bool {
-        false
-    }
-
-    /// Whether packets end in the checksum of [`packet::append_crc`](crate::packet::append_crc), which a tag then replaces.
-    fn has_checksum(&self) -> bool {
-        true
-    }
-
-    /// False for a navigator that has no use for a range, and therefore never polls for one.
-    fn takes_ranges(&self) -> bool {
-        true
-    }
+    /// What it asks of the mission around it, and what it uses. The same for the whole life of the navigator.
+    fn profile(&self) -> Profile;
 
     /// What the last fused range told about the own position, nat; NaN for a navigator that does not keep count.
     fn information_nat(&self) -> f64 {
@@ -158,6 +153,9 @@ pub trait CentralEstimator: Send {
     /// An unknown vehicle, or a time in its past. Nothing has changed then.
     fn launch(&mut self, vehicle: VehicleId, tol_ns: i64) -> Result<bool, Error>;
 
+    /// As [`Navigator::profile`].
+    fn profile(&self) -> Profile;
+
     /// Bytes of the packet that a slot is assumed to carry, for loss and air time.
     fn assumed_packet_bytes(&self) -> usize;
 
@@ -182,7 +180,7 @@ pub trait CentralEstimator: Send {
 /// Whose event it is and whether it is in order, before anything changes.
 ///
 /// # Errors
-/// [`Error::WrongVehicle`], [`Error::FromThePast`], or what [`crate::event::Payload::validate`] says.
+/// [`Error::WrongVehicle`], [`Error::FromThePast`], or what [`Event::validate`] says.
 pub fn check_event(event: &Event, own: VehicleId, now_ns: Option<i64>) -> Result<(), Error> {
     if event.vehicle != own {
         return Err(Error::WrongVehicle { event: event.vehicle, own });
@@ -192,7 +190,7 @@ pub fn check_event(event: &Event, own: VehicleId, now_ns: Option<i64>) -> Result
     {
         return Err(Error::FromThePast { event_ns: event.t_ns, now_ns });
     }
-    event.payload.validate()
+    event.validate()
 }
 
 /// Refuses a sender that is the receiver itself, or that the team does not have.

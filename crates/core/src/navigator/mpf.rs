@@ -5,15 +5,16 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::teammates;
 use super::radio::{HeardBelief, Radio};
 use super::range::{RangeMethod, RangeOptions};
 use super::range_novelty::RangeNovelty;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Navigator, Outcome, Particles, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::error::Error;
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::packet::PacketKind;
 
 /// Options of `mpf`.
@@ -60,7 +61,7 @@ impl<const K: usize> Mpf<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         if let Some(range) = &options.range {
-            positive("sigma_range_m", range.sigma_m)?;
+            range.validate()?;
         }
         Ok(Self {
             own,
@@ -79,25 +80,10 @@ impl<const K: usize> Mpf<K> {
         &self.terrain
     }
 
-    fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
-        let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
-        self.terrain.resample();
-        outcome
-    }
-
-    /// One sounding: lookup, offset update, tempered weights, health, resampling.
-    fn sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> Outcome {
-        let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sensor_sigma_m);
-        if let Some(statistic) = health
-            && !self.terrain.watch(statistic)
-        {
-            self.terrain.resample();
-        }
-        outcome
-    }
-
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
+        let standing_m2 = self.link.radio.standing_m2(&range.clock, tol_ns, toa_ns);
+        let range = range.inflated(standing_m2);
         let Some(heard) = self.link.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
@@ -105,7 +91,7 @@ impl<const K: usize> Mpf<K> {
         if self.terrain.acquiring() {
             return self.range_while_acquiring(&heard, toa_ns, &range);
         }
-        let share = self.new_share(sender, tol_ns, &heard);
+        let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
             self.link.range_novelty.heard(sender, tol_ns, heard.said.moments().1);
@@ -126,8 +112,8 @@ impl<const K: usize> Mpf<K> {
         self.terrain.acquire_range(heard.said.summary(heard.range_m, moved_m, range.sigma_m), temper)
     }
 
-    /// Share of this belief that counts: all of it, or what is new.
-    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief) -> f64 {
+    /// Share of this belief that counts: all of it, or what is new beside a standing error.
+    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief, standing_m2: f64) -> f64 {
         let (true, Some(before_ns)) = (self.options.range_novelty, self.link.range_novelty.heard_at(sender))
         else {
             return 1.0;
@@ -140,7 +126,23 @@ impl<const K: usize> Mpf<K> {
         let direction = [de / distance_m, dn / distance_m];
         // A teammate drifts as this vehicle does: its packets have no room for more.
         let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before_ns)));
-        self.link.range_novelty.share(sender, covariance_m2, direction, &growth)
+        self.link.range_novelty.share(sender, covariance_m2, direction, &growth, standing_m2)
+    }
+}
+
+impl<const K: usize> Mpf<K> {
+    /// What one event does once the clock has been advanced to it.
+    fn fuse_event(&mut self, event: &Event) -> Outcome {
+        match &event.payload {
+            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
+                self.link.radio.set_depth(*depth_m);
+                Outcome::Fused
+            }
+            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
+                self.reception(*sender, *tol_ns, *toa_ns, bytes)
+            }
+            _ => self.terrain.handle(event),
+        }
     }
 }
 
@@ -149,22 +151,10 @@ impl<const K: usize> Navigator for Mpf<K> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.link.radio.check_sender(&event.payload)?;
         self.terrain.advance(event.t_ns);
-        match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.terrain.state.core.velocity_mps = *velocity_mps;
-                Ok(Outcome::Fused)
-            }
-            Payload::Depth { depth_m, .. } => {
-                self.link.radio.set_depth(*depth_m);
-                Ok(Outcome::Fused)
-            }
-            Payload::Fix { position_m, covariance_m2 } => Ok(self.fix(*position_m, *covariance_m2)),
-            Payload::WaterDepth { water_depth_m, sigma_m } => Ok(self.sounding(*water_depth_m, *sigma_m)),
-            Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
-                Ok(self.reception(*sender, *tol_ns, *toa_ns, bytes))
-            }
-            _ => Ok(Outcome::Noted),
-        }
+        let rejected_before = self.terrain.state.core.rejected;
+        let outcome = self.fuse_event(event);
+        self.terrain.state.core.count_gated(&event.payload, outcome, rejected_before);
+        Ok(outcome)
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
@@ -176,8 +166,11 @@ impl<const K: usize> Navigator for Mpf<K> {
         self.link.radio.broadcast(self.options.packet, &estimate, tol_ns, capacity_bytes).map(Some)
     }
 
-    fn takes_ranges(&self) -> bool {
-        self.options.range.is_some()
+    fn profile(&self) -> Profile {
+        let ranges = self.options.range.is_some();
+        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
@@ -199,6 +192,15 @@ impl<const K: usize> Navigator for Mpf<K> {
 
     fn particles(&self) -> Option<Particles> {
         self.terrain.state.core.particles()
+    }
+
+    fn diagnostics(&self) -> Vec<(&'static str, f64)> {
+        let mut said = self.terrain.diagnostics();
+        if self.options.range.is_some() {
+            let heard = self.link.range_novelty.last_heard();
+            said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        }
+        said
     }
 
     fn information_nat(&self) -> f64 {

@@ -61,7 +61,8 @@ impl Trajectory {
         let (after, later) = self.past.iter().enumerate().rev().take_while(|(_, p)| p.0 >= t_ns).last()?;
         let then = match after.checked_sub(1).and_then(|i| self.past.get(i)) {
             Some(earlier) => {
-                let share = (t_ns - earlier.0) as f64 / (later.0 - earlier.0).max(1) as f64;
+                let share =
+                    t_ns.saturating_sub(earlier.0) as f64 / later.0.saturating_sub(earlier.0).max(1) as f64;
                 [0, 1].map(|a| earlier.1[a] + share * (later.1[a] - earlier.1[a]))
             }
             None if later.0 == t_ns => later.1,

@@ -66,7 +66,7 @@ pub struct Belief {
 ///
 /// | field | step | range | rounding |
 /// |---|---|---|---|
-/// | depth | 0.1 m | 0 to 102.3 m | nearest |
+/// | depth | 0.1 m, below 51.2 m at most 1/64 of it | 0 to 13,004.8 m | nearest |
 /// | e, n | 1/16 m | −32,768 to 32,767.9375 m, two's complement | nearest |
 /// | σ_e, σ_n | 1/16 octave (4.4 %) | 2⁻⁴ = 0.0625 m to 2^11.9375 ≈ 3,922 m | up |
 /// | correlation | 1/96 in atanh ρ | ±tanh(511/96) = ±0.99995, two's complement | toward zero |

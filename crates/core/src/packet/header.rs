@@ -1,6 +1,7 @@
 //! What every packet starts with.
 
-use super::{BitReader, BitWriter, FixedField, ModuloField, PacketError, Rounding, UnsignedField};
+use super::depth::DepthField;
+use super::{BitReader, BitWriter, ModuloField, PacketError, UnsignedField};
 use serde::{Deserialize, Serialize};
 
 /// Most vehicles in a team that a [`HeardBitmap`] can name.
@@ -8,14 +9,7 @@ pub const TEAM_MAX: u16 = 16;
 
 const KIND: UnsignedField = UnsignedField { name: "packet kind", bits: 4 };
 const SEQUENCE: ModuloField = ModuloField { name: "sequence", bits: 8 };
-const DEPTH: FixedField = FixedField {
-    name: "sender's depth",
-    unit: "m",
-    bits: 10,
-    steps_per_unit: 10.0,
-    signed: false,
-    rounding: Rounding::Nearest,
-};
+const DEPTH: DepthField = DepthField { name: "sender's depth" };
 const HEARD: &str = "heard bitmap";
 
 /// What a packet's body holds. Code 0 is never given out, so that zeros are not a packet.
@@ -146,7 +140,7 @@ impl HeardBitmap {
 /// ```text
 /// bit  0      4          12           22          22 + n
 ///      | kind | sequence | depth      | heard     |  body …
-///      | 4    | 8        | 10 × 0.1 m | n         |
+///      | 4    | 8        | 10         | n         |
 /// ```
 ///
 /// The width n of the bitmap (0 to 16) belongs to the layout of the body that follows: 16 where the layout is the
@@ -158,31 +152,37 @@ pub struct Header {
     pub kind: PacketKind,
     /// The sender's packet counter modulo 256; [`ReceiveWindow`](crate::link::ReceiveWindow) extends it.
     pub sequence: u8,
-    /// The sender's depth below the surface at launch, m, 0 to 102.3 in steps of 0.1 (so off by up to 0.05 m), with
-    /// which slant ranges are reduced.
+    /// The sender's depth below the surface at launch, m, with which slant ranges are reduced: 0 to 13,004.8 in steps of
+    /// 0.1 down to 51.2 m and of 1/64 to 1/128 of the depth below ([`Header::depth_step_m`]).
     pub depth_m: f64,
     /// Whom the sender heard.
     pub heard: HeardBitmap,
 }
 
 impl Header {
-    /// A depth as it arrives: rounded to the header's steps, 0 to 102.3 m.
+    /// A depth as it arrives: rounded to the header's steps, 0 to 13,004.8 m.
     #[must_use]
     pub fn carried_depth_m(depth_m: f64) -> f64 {
-        let most = DEPTH.decode((1 << DEPTH.bits) - 1);
-        DEPTH.encode(depth_m.clamp(0.0, most)).map_or(f64::NAN, |steps| DEPTH.decode(steps))
+        DEPTH.encode(depth_m.clamp(0.0, DepthField::DEEPEST_M)).map_or(f64::NAN, DepthField::decode)
+    }
+
+    /// Distance between neighbouring depths that a header can hold, at `depth_m`: a depth arrives off by half of it at
+    /// most.
+    #[must_use]
+    pub fn depth_step_m(depth_m: f64) -> f64 {
+        DepthField::step_m(depth_m)
     }
 
     /// Bits of a header with a bitmap of `heard_bits`.
     #[must_use]
     pub const fn bits(heard_bits: u32) -> u32 {
-        (KIND.bits + SEQUENCE.bits + DEPTH.bits).saturating_add(heard_bits)
+        (KIND.bits + SEQUENCE.bits + DepthField::BITS).saturating_add(heard_bits)
     }
 
     /// Writes the header with a bitmap of `heard_bits` (0 to 16) vehicles.
     ///
     /// # Errors
-    /// [`PacketError::NotFinite`], [`PacketError::OutOfRange`] for a depth outside 0 to 102.3 m;
+    /// [`PacketError::NotFinite`], [`PacketError::OutOfRange`] for a depth outside 0 to 13,004.8 m;
     /// [`PacketError::TooManyBits`] when a vehicle beyond `heard_bits` was heard.
     pub fn write(&self, writer: &mut BitWriter, heard_bits: u32) -> Result<(), PacketError> {
         KIND.write(writer, u64::from(self.kind.code()))?;

@@ -31,6 +31,8 @@ pub enum FieldStep {
     Factor(f64),
     /// So much more of atanh of the value.
     Atanh(f64),
+    /// So much more near zero, at most a 64th of the value further out.
+    Growing(f64),
 }
 
 /// One field, or several equal ones.
@@ -184,7 +186,7 @@ mod tests {
         assert_eq!((sigma.minimum, sigma.rounding), (0.0625, Rounding::Up));
         assert!((sigma.maximum - 3922.0).abs() < 0.5);
         let depth = scale("sender's depth");
-        assert_eq!((depth.unit, depth.minimum, depth.maximum), ("m", 0.0, 102.3));
+        assert_eq!((depth.unit, depth.minimum, depth.maximum), ("m", 0.0, 13_004.8));
     }
 
     #[test]

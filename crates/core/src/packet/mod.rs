@@ -34,6 +34,7 @@ mod belief;
 mod bits;
 mod cloud;
 mod covering;
+mod depth;
 mod error;
 mod field;
 pub mod graph;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::error::Error;
 use crate::event::{Event, VehicleId};
 use crate::link::Slot;
-use crate::navigator::{CentralEstimator, Estimate, Navigator, Outcome, Particles};
+use crate::navigator::{CentralEstimator, Estimate, Navigator, Outcome, Particles, Profile};
 
 /// Who estimates.
 pub enum Estimators {
@@ -96,23 +96,12 @@ impl Estimators {
         }
     }
 
-    /// Whether this vehicle's navigator must be told of deliveries.
+    /// What this vehicle's navigator asks for; `None` for a vehicle that the team does not have.
     #[must_use]
-    pub fn needs_delivery_oracle(&self, vehicle: VehicleId) -> bool {
+    pub fn profile(&self, vehicle: VehicleId) -> Option<Profile> {
         match self {
-            Self::Each(navigators) => {
-                navigators.get(usize::from(vehicle)).is_some_and(|n| n.needs_delivery_oracle())
-            }
-            Self::Central(_) => false,
-        }
-    }
-
-    /// Whether this vehicle's navigator has a use for ranges; a centralised reference has.
-    #[must_use]
-    pub fn takes_ranges(&self, vehicle: VehicleId) -> bool {
-        match self {
-            Self::Each(navigators) => navigators.get(usize::from(vehicle)).is_some_and(|n| n.takes_ranges()),
-            Self::Central(_) => true,
+            Self::Each(navigators) => navigators.get(usize::from(vehicle)).map(|n| n.profile()),
+            Self::Central(team) => Some(team.profile()),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::poll::{self, Poll};
 use crate::error::{Error, finite};
-use crate::event::{Event, VehicleId};
+use crate::event::{Event, VehicleId, check_time, check_travel};
 use crate::link::{LinkConfig, Slot, SlotTable};
 
 /// A signal that could be heard: where the mission decides what the channel does.
@@ -57,11 +57,12 @@ impl Mission {
         };
         for event in &events {
             known(event.vehicle)?;
-            event.payload.validate()?;
+            event.validate()?;
         }
         let slots = SlotTable::new(slots)?;
         for slot in slots.slots() {
             known(slot.sender)?;
+            check_time("slot tol_ns", slot.tol_ns)?;
         }
         for o in &opportunities {
             known(o.sender)?;
@@ -77,13 +78,7 @@ impl Mission {
                     });
                 }
             }
-            if o.toa_ns < o.tol_ns {
-                return Err(Error::OutOfBound {
-                    quantity: "travel time (toa − tol), s",
-                    value: o.toa_ns.saturating_sub(o.tol_ns) as f64 * 1e-9,
-                    bound: "0 and above",
-                });
-            }
+            check_travel(o.tol_ns, o.toa_ns)?;
         }
         events.sort_by_key(|e| (e.t_ns, e.payload.class(), e.vehicle));
         opportunities.sort_by_key(|o| (o.tol_ns, o.receiver));

@@ -64,6 +64,8 @@ pub struct Tracks {
     pub ess: Vec<f64>,
     /// Gated measurements and rejected packets so far.
     pub rejected: Vec<u64>,
+    /// Slots so far that a vehicle left silent because what it had to say did not fit them.
+    pub unsent: Vec<u64>,
     /// Whether the vehicle said it had no chart to go by.
     pub off_chart: Vec<bool>,
     /// Whether the vehicle was searching for its position.
@@ -86,6 +88,8 @@ pub struct Record {
     tracks: Tracks,
     sample_ns: Arc<[i64]>,
     cloud_every: usize,
+    /// By vehicle, slots left silent so far.
+    unsent: Vec<u64>,
 }
 
 impl Record {
@@ -102,11 +106,12 @@ impl Record {
             yaw_covariance: vec![[f64::NAN; 3]; n],
             ess: vec![f64::NAN; n],
             rejected: vec![0; n],
+            unsent: vec![0; n],
             off_chart: vec![false; n],
             acquiring: vec![false; n],
             ..Tracks::default()
         };
-        Self { tracks, sample_ns, cloud_every }
+        Self { tracks, sample_ns, cloud_every, unsent: vec![0; vehicles] }
     }
 
     /// The next instant to record.
@@ -127,6 +132,7 @@ impl Record {
         for vehicle in 0..self.tracks.vehicles {
             let at = vehicle * self.sample_ns.len() + *cursor;
             self.put(at, &team.estimate(vehicle, t_ns));
+            self.tracks.unsent[at] = self.unsent[vehicle];
             self.diagnose(at, &team.diagnostics(vehicle));
             if self.cloud_every > 0 && cursor.is_multiple_of(self.cloud_every) {
                 self.cloud(team, vehicle, t_ns);
@@ -180,6 +186,13 @@ impl Record {
     /// Writes down that a packet was launched.
     pub fn sent(&mut self, sender: VehicleId, tol_ns: i64, bytes: usize) {
         self.tracks.sent.push((sender, tol_ns, bytes as u32));
+    }
+
+    /// Writes down that a slot stayed silent because what its sender had to say did not fit.
+    pub fn unsent(&mut self, sender: VehicleId) {
+        if let Some(count) = self.unsent.get_mut(usize::from(sender)) {
+            *count = count.saturating_add(1);
+        }
     }
 
     /// Writes down that a slot was polled.

@@ -5,11 +5,12 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use uwcoop_core::event::{Event, Payload, VehicleId};
+use uwcoop_core::measurement::angle::wrap;
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
 use uwcoop_core::navigator::landmark::jump_hypotheses::JumpRule;
-use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading, wrap};
+use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading};
 use uwcoop_core::navigator::landmark::{
     BiasModelAverage, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
 };
@@ -225,17 +226,24 @@ impl Seafloor {
     ) -> Arc<[u8]> {
         let at = |payload, v: usize, t_ns| event(t_ns, v as VehicleId, payload);
         team[mover].handle(&at(Payload::Landed, mover, self.t_ns)).unwrap();
-        // Followers hover on the spot meanwhile.
-        for v in (0..team.len()).filter(|v| *v != landmark && *v != mover) {
-            for payload in [
-                Payload::GroundVelocity { velocity_mps: [0.0; 2], sigma_mps: 0.0 },
-                Payload::TurnRate { yaw_rate_radps: 0.0, sigma_radps: 0.0 },
-            ] {
-                team[v].handle(&at(payload, v, self.t_ns)).unwrap();
+        // Followers hover on the spot meanwhile, which their DVLs and gyros say every second.
+        let followers: Vec<usize> = (0..team.len()).filter(|v| *v != landmark && *v != mover).collect();
+        let hover = |t_ns: i64, team: &mut [Box<dyn Navigator>]| {
+            for v in &followers {
+                for payload in [
+                    Payload::GroundVelocity { velocity_mps: [0.0; 2], sigma_mps: 0.0 },
+                    Payload::TurnRate { yaw_rate_radps: 0.0, sigma_radps: 0.0 },
+                ] {
+                    team[*v].handle(&at(payload, *v, t_ns)).unwrap();
+                }
             }
-        }
+        };
+        hover(self.t_ns, team);
         for _ in 0..6 {
-            self.t_ns += 10 * SECOND;
+            for _ in 0..10 {
+                self.t_ns += SECOND;
+                hover(self.t_ns, team);
+            }
             for v in (0..team.len()).filter(|v| *v != landmark) {
                 let payload = self.positioning(v, landmark);
                 team[v].handle(&at(payload, v, self.t_ns)).unwrap();
@@ -244,7 +252,10 @@ impl Seafloor {
         self.t_ns += SECOND;
         let tol_ns = self.t_ns;
         let bytes = team[mover].transmit(tol_ns, 128).unwrap().expect("a landed mover has something to say");
-        self.t_ns += 3 * SECOND;
+        for _ in 0..3 {
+            self.t_ns += SECOND;
+            hover(self.t_ns, team);
+        }
         for v in (0..team.len()).filter(|v| *v != mover && !lose.contains(v)) {
             let payload = Payload::Reception {
                 sender: mover as VehicleId,

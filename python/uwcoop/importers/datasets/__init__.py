@@ -14,9 +14,11 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from uwcoop.errors import LogError, ScenarioError
+from uwcoop.importers.bounded import refused
 from uwcoop.importers.datasets.plaza import read_plaza
 from uwcoop.importers.datasets.pyfg import heard_on_the_way, read_pyfg
 from uwcoop.importers.datasets.recording import Options, PlazaOptions, PyfgOptions, mission_of
+from uwcoop.missionlog.validate import validate
 from uwcoop.scenario.loading import table_of
 from uwcoop.scenario.validation_message import one_line
 
@@ -50,7 +52,10 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
         raise ScenarioError(one_line(error, table, "recording")) from None
     if not path.is_file():
         raise LogError(f"recording {path} cannot be read: there is no such file")
-    found = read(path)
-    if isinstance(options, PyfgOptions) and options.range_delay_edges > 0:
-        found = heard_on_the_way(found, options.range_delay_edges)
-    return mission_of(found, options)
+    with refused(LogError, f"recording {path}"):
+        found = read(path)
+        if isinstance(options, PyfgOptions) and options.range_delay_edges > 0:
+            found = heard_on_the_way(found, options.range_delay_edges)
+        log = mission_of(found, options)
+        validate(log)
+    return log

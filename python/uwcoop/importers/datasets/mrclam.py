@@ -21,8 +21,10 @@ from uwcoop.acoustics.modem import MODEMS
 from uwcoop.errors import LogError
 from uwcoop.evaluation.pose_tracks import true_yaw_rad
 from uwcoop.frames import turned, wrap_angle
+from uwcoop.importers.bounded import refuse_array, refused
 from uwcoop.importers.datasets.mrclam_files import Robot, read_data_set
 from uwcoop.missionlog.model import Columns, MissionLog, event_columns
+from uwcoop.missionlog.validate import validate
 from uwcoop.scenario.base import NonNegative, Positive, Probability, Table
 from uwcoop.scenario.setup import MissionSetup
 from uwcoop.scenario.validation_message import one_line
@@ -35,6 +37,8 @@ if TYPE_CHECKING:
 
 RATE_HZ = 5
 """Of the log's odometry and truth."""
+_VALUES_PER_SAMPLE = 30
+"""So many numbers are held for each sample of a robot, truth and intermediate results included."""
 ROOM_M = 15.0
 """Where a range that is an outlier may lie: the arena's size."""
 STILL = (1e-9, 1e-9)
@@ -106,12 +110,15 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
         raise LogError(
             f"mrclam {path}: robot {chosen.landmark} and the others do not see each other in this time"
         )
+    with refused(LogError, f"mrclam {path}"):
+        samples = math.floor((end_s - start_s) * RATE_HZ)
+        refuse_array("a mission", (1 + len(movers), samples, _VALUES_PER_SAMPLE), 8)
     times_s = start_s + np.arange(math.floor((end_s - start_s) * RATE_HZ) + 1) / RATE_HZ
     frame = _pose(landmark, np.array([start_s]))[0]
     team = (chosen.landmark, *movers)
     poses = np.stack([_in_frame(frame, _pose(robots[r], times_s)) for r in team])
     poses[0] = 0.0  # it stands, also where its recording of the truth ends before it does
-    return MissionLog(
+    log = MissionLog(
         name=f"mrclam-{path.resolve().name}",
         seed=seed,
         vehicles=tuple(f"R{r}" for r in team),
@@ -121,6 +128,8 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
         setup=_setup(chosen),
         truth=_truth([f"R{r}" for r in team], poses),
     )
+    validate(log)
+    return log
 
 
 def _span(landmark: Robot, options: MrclamOptions, where: str) -> tuple[float, float]:

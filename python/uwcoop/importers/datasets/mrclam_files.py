@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gzip
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.errors import LogError
+from uwcoop.importers.bounded import refused, text_lines
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -74,14 +74,14 @@ def _rows(folder: Path, name: str, columns: int) -> Array:
 @lru_cache(maxsize=32)
 def _read(path: Path, _changed_ns: int, columns: int) -> Array:
     # A study reads the same data set for each of its missions; an edited file is read again.
-    try:
-        with gzip.open(path, "rt") if path.suffix == ".gz" else path.open() as file:
-            text = file.read()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise LogError(f"mrclam {path}: cannot be read: {' '.join(str(error).split())}") from error
-    lines = [
-        (k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip() and line.lstrip()[0] != "#"
-    ]
+    with refused(LogError, f"mrclam {path}"):
+        lines = [
+            (k, line)
+            for k, line in enumerate(text_lines(path), 1)
+            if line.strip() and line.lstrip()[0] != "#"
+        ]
+    if not lines:
+        raise LogError(f"mrclam {path}: holds no rows of {columns} numbers")
     try:
         rows = np.loadtxt([line for _, line in lines], dtype=np.float64, ndmin=2)
     except ValueError:

@@ -6,12 +6,23 @@ range; `TL` beacon, x and y. Seconds, metres, radians.
 
 from __future__ import annotations
 
+import io
+import struct
+import zlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from uwcoop.errors import LogError, MissingDependencyError
+from uwcoop.importers.bounded import (
+    ReadLimitError,
+    beyond,
+    read_bytes,
+    read_limit_bytes,
+    refuse_array,
+    refused,
+)
 from uwcoop.importers.datasets.recording import Recording
 
 if TYPE_CHECKING:
@@ -19,6 +30,10 @@ if TYPE_CHECKING:
 
 
 COLUMNS = {"DR": 3, "GT": 4, "TD": 4, "TL": 3}
+NUMBERS = ("double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
+"""MATLAB's classes that a table may have; of others the header alone can ask for any amount of memory."""
+COMPRESSED = 15
+"""Type of a compressed element (MathWorks, "MAT-File Level 5 file format")."""
 
 
 def read_plaza(path: Path) -> Recording:
@@ -57,13 +72,21 @@ def read_plaza(path: Path) -> Recording:
 
 def _tables(path: Path) -> dict[str, NDArray[np.float64]]:
     try:
-        from scipy.io import loadmat
+        from scipy.io import loadmat, whosmat
     except ImportError as missing:
         raise MissingDependencyError("scipy", "maps") from missing
-    try:
-        content: dict[str, Any] = loadmat(str(path))
-    except (OSError, ValueError, TypeError, RuntimeError) as error:  # RuntimeError: MATLAB 7.3, which is HDF5
-        raise LogError(f"recording {path} cannot be read: {' '.join(str(error).split())}") from error
+    with refused(LogError, f"recording {path}"):
+        # From memory: asked for a stated length, a stream of bytes gives no more than it holds, a file allocates it.
+        file: Any = io.BytesIO(_inflated(read_bytes(path)))
+        kinds: dict[str, str] = {}
+        for name, shape, kind in whosmat(file):
+            refuse_array(f"table {name}", shape, 8)
+            kinds[name] = kind
+        for name in COLUMNS:
+            if kinds.get(name, "double") not in NUMBERS:
+                raise LogError(f"recording {path}: table {name} holds {kinds[name]}: must hold numbers")
+        file.seek(0)
+        content: dict[str, Any] = loadmat(file, variable_names=list(COLUMNS))
     tables = {}
     for name, width in COLUMNS.items():
         table = content.get(name)
@@ -73,3 +96,29 @@ def _tables(path: Path) -> dict[str, NDArray[np.float64]]:
         if not np.isfinite(tables[name]).all():
             raise LogError(f"recording {path}: {name} holds what is not a finite number")
     return tables
+
+
+def _inflated(content: bytes) -> bytes:
+    """A MATLAB 5 file with its compressed elements inflated, so that what they hold is bounded before it is parsed."""
+    order = {b"IM": "<", b"MI": ">"}.get(content[126:128])
+    if content[:10] == b"MATLAB 7.3":
+        raise ValueError("it is of MATLAB 7.3, which is HDF5: save it as version 7")
+    if order is None:
+        raise ValueError("it is no MATLAB file of version 5 to 7.2")
+    parts, at, left = [content[:128]], 128, read_limit_bytes()
+    while at + 8 <= len(content):
+        kind, size = struct.unpack_from(f"{order}II", content, at)
+        if size > len(content) - at - 8:
+            raise ValueError(f"an element states {size} bytes, {len(content) - at - 8} are left")
+        element = content[at : at + 8 + size]
+        if kind == COMPRESSED:
+            stream = zlib.decompressobj()
+            element = stream.decompress(element[8:], left + 1)
+            if len(element) > left:
+                raise ReadLimitError(beyond(read_limit_bytes()))
+            if not stream.eof:
+                raise EOFError
+        left -= len(element)
+        parts.append(element)
+        at += 8 + size
+    return b"".join(parts)

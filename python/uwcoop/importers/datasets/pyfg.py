@@ -6,12 +6,14 @@ covariance, `EDGE_RANGE t Ai Lk range variance`. The edges of these runs have no
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from uwcoop.errors import LogError
+from uwcoop.importers.bounded import refused, text_lines
 from uwcoop.importers.datasets.recording import Recording
 
 FIELDS = {"VERTEX_XY": 4, "VERTEX_SE2": 6, "EDGE_SE2": 13, "EDGE_RANGE": 6}
@@ -72,26 +74,21 @@ def heard_on_the_way(found: Recording, delay_edges: float) -> Recording:
     )
 
 
-def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"recording {path} cannot be read: {' '.join(str(error).split())}") from error
-    found = []
-    for number, line in enumerate(text.splitlines(), 1):
-        words = line.split()
-        if not words:
-            continue
-        if words[0] not in FIELDS:
-            raise LogError(
-                f"recording {path}: line {number} is {words[0][:20]!r}, must be one of {', '.join(FIELDS)}"
-            )
-        if len(words) != FIELDS[words[0]]:
-            raise LogError(
-                f"recording {path}: line {number} has {len(words)} words, {words[0]} has {FIELDS[words[0]]}"
-            )
-        found.append((number, words))
-    return found
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    with refused(LogError, f"recording {path}"):
+        for number, line in enumerate(text_lines(path), 1):
+            words = line.split()
+            if not words:
+                continue
+            if words[0] not in FIELDS:
+                raise LogError(
+                    f"recording {path}: line {number} is {words[0][:20]!r}, must be one of {', '.join(FIELDS)}"
+                )
+            if len(words) != FIELDS[words[0]]:
+                raise LogError(
+                    f"recording {path}: line {number} has {len(words)} words, {words[0]} has {FIELDS[words[0]]}"
+                )
+            yield number, words
 
 
 def _recording(

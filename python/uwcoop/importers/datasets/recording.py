@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 SPEED_MPS = 1500.0
 """A range becomes a travel time at this speed, whatever it was measured with; it ends when the range was measured."""
+LONGEST_S, FARTHEST_M = 7 * 86_400.0, 100_000.0
+"""Times, since the start, and ranges beyond these are damage."""
 NAVIGATORS = ("local-only", "cekf", "mdeif", "nekf", "interleaved", "covariance-intersection")
 
 
@@ -125,6 +127,13 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
         raise LogError(f"recording {found.name} has no ranges, or no odometry, to replay")
     vehicles = (found.vehicle, *beacons)
     sender = np.array([vehicles.index(b) for b, use in zip(found.range_beacon, used, strict=True) if use])
+    longest_s = max(float(np.abs(a).max()) for a in (found.odometry_s, found.range_s[used], found.truth_s))
+    farthest_m = float(found.range_m[used].max())
+    if not (longest_s <= LONGEST_S and farthest_m <= FARTHEST_M):
+        raise LogError(
+            f"recording {found.name} has times to {longest_s:g} s and ranges to {farthest_m:g} m: "
+            f"must be at most {LONGEST_S:g} s and {FARTHEST_M:g} m"
+        )
     slots, opportunities = _signals(found.range_s[used], sender, found.range_m[used])
     end_s = float(np.ceil(max(found.odometry_s[-1], opportunities["toa_ns"].max() / 1e9, found.truth_s[-1])))
     modem = MODEMS["unlimited"]
@@ -234,7 +243,8 @@ def _truth(found: Recording, beacons: list[str]) -> xr.Dataset:
     }
     coordinates = {
         "vehicle": [found.vehicle, *beacons],
-        "time": ("time", found.truth_s, {"units": "s"}),
+        # Whole nanoseconds, as a log on disk holds them.
+        "time": ("time", np.round(found.truth_s * 1e9) / 1e9, {"units": "s"}),
         "axis": ["east", "north"],
     }
     return xr.Dataset(data, coords=coordinates)

@@ -10,7 +10,7 @@ import numpy as np
 from uwcoop.frames import yaw_from_heading
 from uwcoop.scenario.landmark import AfterDistance, OnSchedule
 from uwcoop.scenario.vehicle import Lawnmower, Waypoints
-from uwcoop.world.paths import lawnmower
+from uwcoop.world.paths import fixed_corners
 
 if TYPE_CHECKING:
     from uwcoop.scenario.landmark import AtWaypoints
@@ -26,13 +26,8 @@ class Legs:
     """The path of one vehicle, and how much of it lies behind."""
 
     def __init__(self, vehicle: Vehicle, land: AtWaypoints | AfterDistance | OnSchedule) -> None:
-        if isinstance(vehicle.path, Lawnmower):
-            path = vehicle.path
-            yaw = float(yaw_from_heading(path.heading_deg))
-            corners = lawnmower(path.start_m, yaw, path.leg_m, path.spacing_m, path.legs)
-        else:
-            assert isinstance(vehicle.path, Waypoints)
-            corners = np.array(vehicle.path.waypoints_m)
+        assert isinstance(vehicle.path, Lawnmower | Waypoints)
+        corners = fixed_corners(vehicle.path)
         self._corners = corners
         self._at_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners, axis=0).T))])
         self._land = land

@@ -9,14 +9,14 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::model::wrap;
 use super::options::{LandmarkOptions, check_share};
 use super::robust::Landmark;
 use crate::error::Error;
 use crate::event::{Event, VehicleId};
+use crate::measurement::angle::wrap;
 use crate::mixture::Mode;
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status};
+use crate::navigator::{Estimate, Navigator, Outcome, Particles, Profile, Status};
 
 /// Two filters of one vehicle, with and without bias states.
 pub struct BiasModelAverage {
@@ -129,8 +129,8 @@ impl Navigator for BiasModelAverage {
         launched
     }
 
-    fn has_checksum(&self) -> bool {
-        self.biased.has_checksum()
+    fn profile(&self) -> Profile {
+        self.biased.profile()
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

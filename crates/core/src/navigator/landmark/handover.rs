@@ -2,8 +2,11 @@
 
 use std::sync::Arc;
 
+use nalgebra::Vector3;
+
 use super::broadcast_belief::SentBelief;
 use super::joint_exchange::Pair;
+use super::pose_algebra::difference;
 use super::robust::{Landmark, LandmarkState, PACKET_ANGLES};
 use super::stationary_gyro::StationaryGyro;
 use crate::error::Error;
@@ -12,6 +15,14 @@ use crate::mixture::{Mode, select};
 use crate::navigator::Outcome;
 use crate::packet::PacketError;
 use crate::random::Purpose;
+
+/// A landmark that is told to stand elsewhere by more than this (χ² of three degrees of freedom, 1e-6) is not believed.
+const EXCHANGE_GATE: f64 = 30.0;
+/// What a packet may claim not to know of the landmark: so many times the receiver's own sigma, or this, m, m, rad …
+const CLAIMED_SIGMAS: f64 = 3.0;
+const CLAIMED: [f64; 3] = [5.0, 5.0, 0.3];
+/// … beside what its rounding and a landing may add.
+const FLOOR: [f64; 3] = [0.5, 0.5, 0.03];
 
 impl Landmark {
     pub(super) fn reception(&mut self, sender: VehicleId, tol_ns: i64, bytes: &[u8]) -> Outcome {
@@ -23,17 +34,16 @@ impl Landmark {
         } else {
             self.state.joint.landmark()
         };
-        let packet = self.state.role_exchange.receive(
-            sender,
-            tol_ns,
-            bytes,
-            [known[0], known[1]],
-            &self.options.packet,
-        );
+        let near_m = [known[0], known[1]];
+        let packet = self.state.role_exchange.read(sender, tol_ns, bytes, near_m, &self.options.packet);
         let Some(pair) = packet.and_then(|p| Pair::of(&p.modes)) else {
             self.state.counts.rejected += 1;
             return Outcome::Rejected;
         };
+        if self.contradicts_landmark(&pair) {
+            return self.gated();
+        }
+        self.state.role_exchange.accept(sender, tol_ns);
         self.settle();
         if self.state.role_exchange.is_landmark {
             self.gaussian();
@@ -54,6 +64,31 @@ impl Landmark {
         }
         self.state.pending = Some((sender, pair));
         Outcome::Fused
+    }
+
+    /// Whether a packet puts the old landmark where what this vehicle knows of it says that it is not.
+    ///
+    /// Both know the landmark's pose from what was told before, in part the same, so their difference is as uncertain as
+    /// twice the sum of both at most. What the packet claims not to know counts only so far: it cannot open the gate.
+    fn contradicts_landmark(&self, pair: &Pair) -> bool {
+        let joint = match (&self.state.sent, self.state.role_exchange.is_landmark) {
+            (Some(sent), true) => &sent.joint,
+            _ => &self.state.joint,
+        };
+        let (known, covariance) = if self.state.role_exchange.is_landmark {
+            (joint.own(), joint.own_covariance())
+        } else {
+            (joint.landmark(), joint.covariance.fixed_view::<3, 3>(3, 3).into_owned())
+        };
+        let claimed = pair.covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        let off = difference(&pair.landmark, &Vector3::from(known));
+        let share = |k: usize| {
+            let own = covariance[(k, k)];
+            let most = (CLAIMED_SIGMAS * CLAIMED_SIGMAS * own).max(CLAIMED[k] * CLAIMED[k]);
+            off[k] * off[k] / (2.0 * (own + claimed[(k, k)].clamp(0.0, most)) + FLOOR[k] * FLOOR[k])
+        };
+        // Not above it, rather than above: what is not a number contradicts.
+        !((0..3).map(share).sum::<f64>() <= EXCHANGE_GATE)
     }
 
     pub(super) fn role(&mut self, landmark: bool) {

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, Rotation2, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::event::seconds;
+use crate::event::{GROUND_SPEED_MAX_MPS, seconds};
 
 /// Motion since an instant, in the body frame of that instant, with its noise and what sensor biases would change.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -70,6 +70,12 @@ impl Increment {
         self.dt_s += dt_s;
     }
 
+    /// Adds what the position's variance grew by per axis, m²; the same in any frame.
+    pub fn drift(&mut self, variance_m2: f64) {
+        self.covariance[(0, 0)] += variance_m2;
+        self.covariance[(1, 1)] += variance_m2;
+    }
+
     /// (displacement, yaw change) for these biases, to first order.
     #[must_use]
     pub fn corrected(&self, bias: &Vector3<f64>) -> (Vector2<f64>, f64) {
@@ -84,16 +90,28 @@ struct Stretch {
     start_ns: i64,
     end_ns: i64,
     rates: Rates,
+    /// What the position's variance grew by, per axis, because the velocity was not measured any more, m².
+    drift_m2: f64,
 }
 
 /// How far back positionings may reach, ns.
 const MEMORY_NS: i64 = 20_000_000_000;
 
+/// For so long a velocity holds, s: DVLs of 0.5 Hz and more are not told apart from continuous ones.
+const VELOCITY_HELD_S: f64 = 2.0;
+/// Spectral density of the acceleration per axis from then on, m²/s³: what `local-only` takes for a vehicle with a DVL.
+const ACCELERATION_M2_PER_S3: f64 = 1e-2;
+
 /// The vehicle's clock and odometry.
+///
+/// A velocity is held until the next one. Where that is late, the velocity walks away from the one held: the position's
+/// variance grows by `q a³ / 3` over an age `a` beyond what a reading holds for.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Odometer {
     now_ns: Option<i64>,
     rates: Rates,
+    /// Since when the velocity in force holds, at first 0 m/s; none for a vehicle whose odometry another system sums up.
+    velocity_ns: Option<i64>,
     landed: bool,
     /// Whether it was ever off the ground with its sensors on.
     afloat: bool,
@@ -117,12 +135,24 @@ impl Odometer {
 
     /// Goes on to `t_ns`.
     pub fn advance(&mut self, t_ns: i64) {
-        let Some(now_ns) = self.now_ns.replace(t_ns) else { return };
+        let Some(now_ns) = self.now_ns.replace(t_ns) else {
+            self.velocity_ns = Some(t_ns);
+            return;
+        };
         if t_ns <= now_ns || self.landed {
             return;
         }
+        let drift_m2 = self.drift_m2(now_ns, t_ns);
         self.since.extend(&self.rates, seconds(t_ns.saturating_sub(now_ns)));
-        self.remember(Stretch { start_ns: now_ns, end_ns: t_ns, rates: self.rates });
+        self.since.drift(drift_m2);
+        self.remember(Stretch { start_ns: now_ns, end_ns: t_ns, rates: self.rates, drift_m2 });
+    }
+
+    /// What the position's variance grows by between two instants, per axis, with a velocity that nobody measures, m².
+    fn drift_m2(&self, from_ns: i64, to_ns: i64) -> f64 {
+        let Some(velocity_ns) = self.velocity_ns else { return 0.0 };
+        let late_s = |t_ns: i64| (seconds(t_ns.saturating_sub(velocity_ns)) - VELOCITY_HELD_S).max(0.0);
+        ACCELERATION_M2_PER_S3 / 3.0 * (late_s(to_ns).powi(3) - late_s(from_ns).powi(3))
     }
 
     fn remember(&mut self, stretch: Stretch) {
@@ -132,13 +162,19 @@ impl Odometer {
         }
     }
 
-    /// A DVL reading; one of a landed vehicle is of the ground it stands on.
-    pub fn velocity(&mut self, velocity_mps: [f64; 2], sigma_mps: f64) {
+    /// A DVL reading; one of a landed vehicle is of the ground it stands on. False: faster than any vehicle, as a DVL
+    /// without bottom track writes (-32.768 m/s); nothing changes.
+    pub fn velocity(&mut self, velocity_mps: [f64; 2], sigma_mps: f64) -> bool {
+        if velocity_mps[0].hypot(velocity_mps[1]) > GROUND_SPEED_MAX_MPS {
+            return false;
+        }
         if !self.landed {
             self.rates.velocity_mps = velocity_mps;
             self.rates.sigma_mps = sigma_mps;
+            self.velocity_ns = self.now_ns;
             self.afloat = true;
         }
+        true
     }
 
     /// A gyro reading.
@@ -152,7 +188,7 @@ impl Odometer {
     /// Odometry since the last one, as logged by another system; the time between has no rates of its own.
     pub fn odometry(&mut self, displacement_m: [f64; 2], yaw_change_rad: f64, covariance: [f64; 6]) {
         let (Some(now_ns), false) = (self.now_ns, self.landed) else { return };
-        let start_ns = self.last_odometry_ns.replace(now_ns).unwrap_or(now_ns - 1);
+        let start_ns = self.last_odometry_ns.replace(now_ns).unwrap_or(now_ns.saturating_sub(1));
         let dt_s = seconds(now_ns.saturating_sub(start_ns)).max(1e-9);
         let rates = Rates {
             velocity_mps: displacement_m.map(|d| d / dt_s),
@@ -161,9 +197,10 @@ impl Odometer {
             sigma_radps: covariance[5].sqrt() / dt_s,
         };
         self.rates = Rates::default();
+        self.velocity_ns = None;
         self.afloat = true;
         self.since.extend(&rates, dt_s);
-        self.remember(Stretch { start_ns, end_ns: now_ns, rates });
+        self.remember(Stretch { start_ns, end_ns: now_ns, rates, drift_m2: 0.0 });
     }
 
     /// Landing: true if the vehicle had been afloat.
@@ -180,6 +217,8 @@ impl Odometer {
     pub fn lift_off(&mut self) {
         self.landed = false;
         self.afloat = true;
+        // It stood still until now, which was as good as a reading.
+        self.velocity_ns = self.velocity_ns.and(self.now_ns);
     }
 
     /// Motion since the last call, which then starts anew.
@@ -196,6 +235,7 @@ impl Odometer {
             && !self.landed
         {
             since.extend(&self.rates, seconds(t_ns.saturating_sub(now_ns)));
+            since.drift(self.drift_m2(now_ns, t_ns));
         }
         since
     }
@@ -207,7 +247,10 @@ impl Odometer {
         for stretch in &self.recent {
             let start_ns = stretch.start_ns.max(from_ns);
             if stretch.end_ns > start_ns {
-                motion.extend(&stretch.rates, seconds(stretch.end_ns - start_ns));
+                let lasted_s = seconds(stretch.end_ns.saturating_sub(start_ns));
+                motion.extend(&stretch.rates, lasted_s);
+                let share = lasted_s / seconds(stretch.end_ns.saturating_sub(stretch.start_ns));
+                motion.drift(stretch.drift_m2 * share);
             }
         }
         motion

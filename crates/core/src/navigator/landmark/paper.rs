@@ -7,17 +7,29 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::model::{Measurement, Monitor, wrap};
+use super::model::{Measurement, Monitor};
 use super::paper_cloud::PaperCloud;
 use super::paper_options::PaperOptions;
 use super::role_exchange::RoleExchange;
 use crate::error::Error;
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, GROUND_SPEED_MAX_MPS, Kind, Payload, VehicleId, seconds};
 use crate::kernels::landmark::OdometryStep;
+use crate::measurement::angle::wrap;
 use crate::mixture::Mode;
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Particles, Status, check_event};
+use crate::navigator::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};
 use crate::random::{Purpose, Stream, Streams};
+
+/// Kinds of events that the method reads beside positionings and packets.
+const PAPER_KINDS: Kinds = Kinds::of(&[
+    Kind::GroundVelocity,
+    Kind::TurnRate,
+    Kind::Fix,
+    Kind::Heading,
+    Kind::Landed,
+    Kind::LiftedOff,
+    Kind::RoleTaken,
+]);
 
 /// Numbers for pictures.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
@@ -147,6 +159,12 @@ impl Navigator for LandmarkPaper {
         self.state.role_exchange.check(&event.payload)?;
         self.advance(event.t_ns);
         let outcome = match &event.payload {
+            Payload::GroundVelocity { velocity_mps: [forward, left], .. }
+                if forward.hypot(*left) > GROUND_SPEED_MAX_MPS =>
+            {
+                self.state.counts.rejected += 1;
+                Outcome::Gated
+            }
             Payload::GroundVelocity { velocity_mps, .. } => {
                 self.state.velocity_mps = *velocity_mps;
                 Outcome::Fused
@@ -193,8 +211,13 @@ impl Navigator for LandmarkPaper {
         launched
     }
 
-    fn has_checksum(&self) -> bool {
-        self.options.packet.has_checksum()
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: false,
+            has_checksum: self.options.packet.has_checksum(),
+            needs_delivery_oracle: false,
+            uses: PAPER_KINDS.with(Kind::AcousticFix, true).with(Kind::Reception, true),
+        }
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {

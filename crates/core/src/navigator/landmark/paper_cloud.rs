@@ -5,9 +5,10 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::model::{Pose, from_polar, to_polar, wrap};
+use super::model::{Pose, from_polar, to_polar};
 use crate::kernels::landmark::{OdometryStep, predict};
 use crate::kernels::particles::gather;
+use crate::measurement::angle::wrap;
 use crate::mixture::{Mode, sample_counts};
 use crate::random::Stream;
 
@@ -156,7 +157,7 @@ impl PaperCloud {
         let Some((early_ns, early)) = after.checked_sub(1).and_then(|i| self.history.get(i)) else {
             return late.clone();
         };
-        let share = (t_ns - early_ns) as f64 / (late_ns - early_ns).max(1) as f64;
+        let share = t_ns.saturating_sub(*early_ns) as f64 / late_ns.saturating_sub(*early_ns).max(1) as f64;
         let mut between = early.clone();
         for (column, (from, to)) in between.iter_mut().zip(early.iter().zip(late)).take(2) {
             for (out, (a, b)) in column.iter_mut().zip(from.iter().zip(to)) {

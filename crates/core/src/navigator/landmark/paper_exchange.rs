@@ -3,12 +3,13 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use super::model::{Measurement, Monitor, wrap};
+use super::model::{Measurement, Monitor};
 use super::paper::LandmarkPaper;
 use super::paper_cloud::{Columns, moments};
 use super::robust::PACKET_ANGLES;
 use crate::error::Error;
 use crate::event::VehicleId;
+use crate::measurement::angle::wrap;
 use crate::mixture::select;
 use crate::navigator::Outcome;
 use crate::packet::PacketError;
@@ -63,11 +64,12 @@ impl LandmarkPaper {
         let known = if self.state.role_exchange.is_landmark { &cloud.own } else { &cloud.landmark };
         let n = cloud.len() as f64;
         let near = [known[0].iter().sum::<f64>() / n, known[1].iter().sum::<f64>() / n];
-        let packet = self.state.role_exchange.receive(sender, tol_ns, bytes, near, &self.options.packet);
+        let packet = self.state.role_exchange.read(sender, tol_ns, bytes, near, &self.options.packet);
         let Some(packet) = packet else {
             self.state.counts.rejected += 1;
             return Outcome::Rejected;
         };
+        self.state.role_exchange.accept(sender, tol_ns);
         if self.state.role_exchange.is_landmark {
             let stream = self.stream(Purpose::Belief);
             self.state.cloud.become_landmark(&packet.modes, &stream);

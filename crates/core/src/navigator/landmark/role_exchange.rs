@@ -66,22 +66,28 @@ impl RoleExchange {
         Ok(())
     }
 
-    /// Reads a packet; `None` (and no change) for one that does not decode or is not newer than the last of its sender.
-    pub fn receive(
-        &mut self,
+    /// Reads a packet; `None` for one that does not decode or is not newer than the last accepted of its sender.
+    #[must_use]
+    pub fn read(
+        &self,
         sender: VehicleId,
         tol_ns: i64,
         bytes: &[u8],
         landmark_m: [f64; 2],
         options: &PacketOptions,
     ) -> Option<ExchangePacket> {
-        let newest = self.newest_tol_ns.get_mut(usize::from(sender))?;
+        let newest = self.newest_tol_ns.get(usize::from(sender))?;
         if newest.is_some_and(|newest| tol_ns <= newest) || !options.size.admits(bytes.len()) {
             return None;
         }
-        let packet = ExchangePacket::decode(bytes, options.format, landmark_m, sender, tol_ns).ok()?;
-        *newest = Some(tol_ns);
-        Some(packet)
+        ExchangePacket::decode(bytes, options.format, landmark_m, sender, tol_ns).ok()
+    }
+
+    /// Takes down that a packet was used, so that none of its sender before it is.
+    pub fn accept(&mut self, sender: VehicleId, tol_ns: i64) {
+        if let Some(newest) = self.newest_tol_ns.get_mut(usize::from(sender)) {
+            *newest = Some(tol_ns);
+        }
     }
 
     /// The packet of these modes in the shortest size that holds them, with the number of the next one.

@@ -12,17 +12,18 @@ use serde::{Deserialize, Serialize};
 use super::graph::Graph;
 use super::local_options::LocalOptions;
 use super::range::Range;
-use super::sensors::check_local_event;
+use super::sensors::{LOCAL_SENSORS, check_local_event};
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
 use crate::navigator::radio::{BroadcastBelief, HeardBelief, Radio};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::{Belief, PacketKind};
 
 /// What is assumed of a teammate's belief and one's own.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Correlation {
     /// None.
     Ignored,
@@ -135,6 +136,9 @@ impl BeliefNavigator {
         let outcome = range.fuse(&mut joint, sender, own, self.options.local.gate_sigmas);
         if outcome == Outcome::Fused {
             let now = self.core.graph.coast(ALONE, late_s).applied(&joint.marginal(own));
+            if !now.is_sound() {
+                return Outcome::Gated;
+            }
             self.core.graph.set_alone(&now);
         }
         outcome
@@ -218,6 +222,15 @@ impl Navigator for BeliefNavigator {
 
     fn estimate(&self, t_ns: i64) -> Estimate {
         self.core.graph.estimate(ALONE, t_ns)
+    }
+
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: self.options.ranging,
+            has_checksum: true,
+            needs_delivery_oracle: false,
+            uses: LOCAL_SENSORS.with(Kind::Reception, self.options.ranging || self.options.talking),
+        }
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

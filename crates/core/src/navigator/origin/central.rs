@@ -7,11 +7,11 @@ use serde::{Deserialize, Serialize};
 
 use super::graph::{Graph, Node};
 use super::local_options::LocalOptions;
-use super::sensors::check_local_event;
+use super::sensors::{LOCAL_SENSORS, check_local_event};
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{CentralEstimator, Estimate, Outcome};
+use crate::navigator::{CentralEstimator, Estimate, Outcome, Profile};
 
 /// What centralised references are configured with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,6 +31,12 @@ impl CentralOptions {
         self.local.validate()?;
         positive("sound_speed_mps", self.sound_speed_mps)?;
         Ok(())
+    }
+
+    fn profile(&self) -> Profile {
+        let takes_ranges = self.ranging.contains(&true);
+        let uses = LOCAL_SENSORS.with(Kind::Reception, takes_ranges);
+        Profile { takes_ranges, has_checksum: false, needs_delivery_oracle: false, uses }
     }
 
     fn known(&self, vehicle: VehicleId) -> Result<usize, Error> {
@@ -153,6 +159,10 @@ impl CentralEstimator for Cekf {
 
     fn estimate(&self, vehicle: VehicleId, t_ns: i64) -> Estimate {
         self.core.graph.estimate(usize::from(vehicle), t_ns)
+    }
+
+    fn profile(&self) -> Profile {
+        self.options.profile()
     }
 
     fn assumed_packet_bytes(&self) -> usize {
@@ -291,6 +301,10 @@ impl CentralEstimator for Received {
     fn estimate(&self, vehicle: VehicleId, t_ns: i64) -> Estimate {
         let own = usize::from(vehicle);
         self.core.graphs[own].estimate(own, t_ns)
+    }
+
+    fn profile(&self) -> Profile {
+        self.options.profile()
     }
 
     fn assumed_packet_bytes(&self) -> usize {

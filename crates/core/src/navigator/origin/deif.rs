@@ -11,14 +11,15 @@ use super::joint_filter::{JointFilter, PeerUpdate};
 use super::local::estimate;
 use super::local_options::LocalOptions;
 use super::range::Range;
-use super::sensors::check_local_event;
+use super::sensors::{LOCAL_SENSORS, check_local_event};
 use super::server::{Launch, Server};
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::information::{Gaussian, GraphStep, NODE};
 use crate::link::ReceiveWindow;
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::navigator::{Estimate, Navigator, Outcome, Profile};
+use crate::packet::PacketError;
 use crate::packet::graph::DeltaMessage;
 
 /// How a client comes by the deltas of lost packets.
@@ -123,10 +124,11 @@ impl Deif {
             Repair::Oracle => match self.core.delivered {
                 Some(base) => {
                     let age = id.saturating_sub(base);
-                    message.base_age = u8::try_from(age).map_err(|_| Error::OutOfBound {
-                        quantity: "transmissions since the last one that arrived",
-                        value: age as f64,
-                        bound: "1 to 255",
+                    message.base_age = u8::try_from(age).map_err(|_| PacketError::TooManyBits {
+                        field: "transmissions since the last one that arrived",
+                        value: age,
+                        bits: 8,
+                        maximum: 255,
                     })?;
                     if let Some(step) = server.step_from(launch, base)? {
                         message.deltas.push(step.information()?);
@@ -180,6 +182,9 @@ impl Deif {
         for delta in deltas.iter().rev() {
             let step = GraphStep::from_information(delta, &node)?;
             node = step.apply(&node)?;
+            if !node.is_sound() {
+                return Err(Error::NotPositiveDefinite { quantity: "a server's node" });
+            }
             all = all.then(&step)?;
         }
         Ok(Some((if begun { PeerUpdate::First(node) } else { PeerUpdate::Step(all) }, node)))
@@ -272,8 +277,13 @@ impl Navigator for Deif {
             payload => {
                 let mut server = self.core.server.clone();
                 let (outcome, fused) = server.sense(event.t_ns, payload)?;
-                if let Some(fused) = fused {
-                    self.core.joint_filter.sense(event.t_ns, &fused)?;
+                if let Some(fused) = fused
+                    && self.core.joint_filter.sense(event.t_ns, &fused).is_err()
+                {
+                    // The joint is less forgiving than the filter of the own node: neither takes it then.
+                    self.core.server.filter.advance(event.t_ns);
+                    self.core.rejected += 1;
+                    return Ok(Outcome::Gated);
                 }
                 self.core.server = server;
                 Ok(outcome)
@@ -320,8 +330,14 @@ impl Navigator for Deif {
         Ok(())
     }
 
-    fn needs_delivery_oracle(&self) -> bool {
-        self.repair == Repair::Oracle
+    fn profile(&self) -> Profile {
+        let oracle = self.repair == Repair::Oracle;
+        Profile {
+            takes_ranges: self.is_client(),
+            has_checksum: true,
+            needs_delivery_oracle: oracle,
+            uses: LOCAL_SENSORS.with(Kind::Reception, self.is_client()).with(Kind::Delivered, oracle),
+        }
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

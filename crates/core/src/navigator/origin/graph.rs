@@ -189,9 +189,9 @@ impl Graph {
         let innovation = self.joint.pair_innovation(node, linear.first(), &linear.value, &linear.noise);
         match innovation {
             Some(innovation)
-                if self.members[vehicle].gate.admits(linear.half, innovation.squared, &self.options) =>
+                if self.members[vehicle].gate.admits(linear.half, innovation.squared, &self.options)
+                    && self.joint.fuse(&innovation).is_ok() =>
             {
-                self.joint.fuse(&innovation);
                 (Outcome::Fused, NodeChange::Linear(*linear))
             }
             _ => {

@@ -20,13 +20,13 @@ use super::local::estimate;
 use super::local_options::LocalOptions;
 use super::odometry::OdometryStep;
 use super::range::Range;
-use super::sensors::check_local_event;
+use super::sensors::{LOCAL_SENSORS, check_local_event};
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId};
+use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
-use crate::link::{ReceiveWindow, Sequencer};
+use crate::link::{Admission, ReceiveWindow, Sequencer};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::{BankPacket, Belief, Header, HeardBitmap, Member, Origins, PacketKind};
 
 /// Teams larger than this would need banks of more than 128 filters.
@@ -153,20 +153,19 @@ impl Interleaved {
         let Ok(packet) = BankPacket::decode(bytes, sender, tol_ns) else { return self.reject() };
         let from = usize::from(sender);
         let mut heard = self.core.heard;
-        let known = heard.insert(sender).is_ok();
-        if !known || self.core.windows[from].accept(packet.header.sequence, tol_ns).is_err() {
-            return self.reject();
-        }
-        self.core.heard = heard;
+        let admission = self.core.windows[from].check(packet.header.sequence, tol_ns);
+        let (Ok(()), Ok(admission)) = (heard.insert(sender), admission) else { return self.reject() };
         if !self.options.ranging {
-            return Outcome::Noted;
+            return self.admit(from, admission, heard, Outcome::Noted);
         }
-        self.advance(toa_ns);
         let graph = &self.core.graph;
         let range = graph.measured(ALONE, (tol_ns, toa_ns), packet.header.depth_m, self.sound_speed_mps);
+        let (Some(range), Some(_)) = (range, graph.current(ALONE)) else { return self.reject() };
+        self.advance(toa_ns);
+        let graph = &self.core.graph;
         let late_s = graph.late_s(ALONE, toa_ns);
         let (back, forth) = (graph.coast(ALONE, -late_s), graph.coast(ALONE, late_s));
-        let (Some(range), Some(alone)) = (range, graph.current(ALONE)) else { return self.reject() };
+        let Some(alone) = graph.current(ALONE) else { return self.reject() };
         let own = Helped { origins: self.core.alone, node: alone };
         let filters: Vec<Helped> = std::iter::once(own).chain(self.core.bank.iter().copied()).collect();
         let mut better = false;
@@ -179,7 +178,16 @@ impl Interleaved {
                 }
             }
         }
-        if better { Outcome::Fused } else { Outcome::Noted }
+        self.admit(from, admission, heard, if better { Outcome::Fused } else { Outcome::Noted })
+    }
+
+    /// Takes down that a packet was heard, once nothing can refuse it any more.
+    fn admit(&mut self, from: usize, admission: Admission, heard: HeardBitmap, outcome: Outcome) -> Outcome {
+        if self.core.windows[from].commit(admission).is_err() {
+            return self.reject();
+        }
+        self.core.heard = heard;
+        outcome
     }
 
     /// Takes a filter in if it is better than the one of the same origins.
@@ -229,10 +237,8 @@ fn join(
     let own = joint.push(&back.applied(&filter.node));
     let sender = joint.push(&sender);
     let fused = range.fuse(&mut joint, sender, own, gate_sigmas) == Outcome::Fused;
-    fused.then(|| Helped {
-        origins: filter.origins.union(member.origins),
-        node: forth.applied(&joint.marginal(own)),
-    })
+    let node = forth.applied(&joint.marginal(own));
+    (fused && node.is_sound()).then(|| Helped { origins: filter.origins.union(member.origins), node })
 }
 
 impl Navigator for Interleaved {
@@ -276,6 +282,16 @@ impl Navigator for Interleaved {
     fn estimate(&self, t_ns: i64) -> Estimate {
         let node = self.best().map(|helped| self.ahead(&helped.node, t_ns));
         estimate(node.as_ref(), t_ns, self.core.graph.estimate(ALONE, t_ns).rejected)
+    }
+
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: self.options.ranging,
+            has_checksum: true,
+            needs_delivery_oracle: false,
+            // Packets tell whom it heard, even where it uses no ranges.
+            uses: LOCAL_SENSORS.with(Kind::Reception, true),
+        }
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

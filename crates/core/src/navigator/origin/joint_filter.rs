@@ -95,7 +95,7 @@ impl Moment {
                     self.joint.pair_innovation(own, linear.first(), &linear.value, &linear.noise).ok_or(
                         Error::NotPositiveDefinite { quantity: "innovation covariance of the own sensors" },
                     )?;
-                self.joint.fuse(&innovation);
+                self.joint.fuse(&innovation)?;
             }
             Change::Own(local::Change::Moved(told)) => {
                 self.moves = true;
@@ -131,6 +131,9 @@ impl Moment {
                 return Err(Error::External("a peer's packet does not follow what is known of it".into()));
             }
         };
+        if !joint.is_sound() {
+            return Err(Error::NotPositiveDefinite { quantity: "a peer's node" });
+        }
         if let (Some(range), Some(own)) = (range, self.own) {
             let outcome = range.fuse(&mut joint, node, own, gate_sigmas);
             if outcome != Outcome::Fused {

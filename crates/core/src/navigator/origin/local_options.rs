@@ -33,3 +33,15 @@ impl LocalOptions {
         Ok(())
     }
 }
+
+impl Default for LocalOptions {
+    fn default() -> Self {
+        Self {
+            process_noise_m2_per_s3: 1e-4,
+            process_noise_dvl_m2_per_s3: 1e-2,
+            sigma_velocity0_mps: 1.0,
+            sigma_range_m: 1.0,
+            gate_sigmas: 6.0,
+        }
+    }
+}

@@ -15,15 +15,15 @@ use super::joint_filter::{JointFilter, PeerUpdate};
 use super::local::estimate;
 use super::local_options::LocalOptions;
 use super::range::Range;
-use super::sensors::check_local_event;
+use super::sensors::{LOCAL_SENSORS, check_local_event};
 use super::server::{Launch, Server};
 use crate::error::{Error, positive};
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::information::graph_packet::GraphPacket;
 use crate::information::replica::{JoinPlan, Method, Methods, Replica};
 use crate::link::{AckBitmap, Admission, ReceiveWindow};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome};
+use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::graph::rounded::rounded_lags;
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
 
@@ -214,12 +214,12 @@ impl Mdeif {
         let Ok(range) = range else { return Ok(self.reject()) };
         let replica = &self.core.peers[usize::from(sender)].replica;
         let plan: JoinPlan = match replica.plan(graph, &self.options.methods) {
-            Ok(Some(plan)) => plan,
+            Ok(Some(plan)) if plan.node.filtered.is_sound() => plan,
             Ok(None) => {
                 self.core.counts.unknown_origin += 1;
                 return Ok(self.reject());
             }
-            Err(_) => {
+            Ok(Some(_)) | Err(_) => {
                 self.core.counts.unsound += 1;
                 return Ok(self.reject());
             }
@@ -277,8 +277,13 @@ impl Navigator for Mdeif {
         }
         let mut server = self.core.server.clone();
         let (outcome, fused) = server.sense(event.t_ns, &event.payload)?;
-        if let Some(fused) = fused {
-            self.core.joint_filter.sense(event.t_ns, &fused)?;
+        if let Some(fused) = fused
+            && self.core.joint_filter.sense(event.t_ns, &fused).is_err()
+        {
+            // The joint is less forgiving than the filter of the own node: neither takes it then.
+            self.core.server.filter.advance(event.t_ns);
+            self.core.rejected += 1;
+            return Ok(Outcome::Gated);
         }
         self.core.server = server;
         Ok(outcome)
@@ -335,6 +340,16 @@ impl Navigator for Mdeif {
         }
         self.core = core;
         Ok(())
+    }
+
+    fn profile(&self) -> Profile {
+        Profile {
+            takes_ranges: self.uses_ranges(self.own),
+            has_checksum: true,
+            needs_delivery_oracle: false,
+            // One that uses no ranges still reads what packets acknowledge.
+            uses: LOCAL_SENSORS.with(Kind::Reception, true),
+        }
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

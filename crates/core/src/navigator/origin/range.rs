@@ -56,8 +56,9 @@ impl Range {
         let noise = SMatrix::<f64, 1, 1>::new(self.sigma_m * self.sigma_m);
         let (value, predicted) = (SVector::<f64, 1>::new(self.range_m), SVector::<f64, 1>::new(distance_m));
         match joint.innovation(&terms, &value, &predicted, &noise) {
-            Some(innovation) if innovation.squared <= gate_sigmas * gate_sigmas => {
-                joint.fuse(&innovation);
+            Some(innovation)
+                if innovation.squared <= gate_sigmas * gate_sigmas && joint.fuse(&innovation).is_ok() =>
+            {
                 Outcome::Fused
             }
             _ => Outcome::Gated,

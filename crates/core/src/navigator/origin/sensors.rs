@@ -5,16 +5,14 @@ use serde::{Deserialize, Serialize};
 
 use super::local_options::LocalOptions;
 use crate::error::Error;
-use crate::event::{Event, Payload, VehicleId, seconds};
+use crate::event::{Event, GROUND_SPEED_MAX_MPS, Kind, Payload, VehicleId, seconds};
 use crate::information::NODE;
-use crate::navigator::check_event;
+use crate::navigator::{Kinds, check_event};
 
 /// Longest pause between two events of one vehicle, s: a longer one is a clock that stepped.
 const PAUSE_MAX_S: f64 = 21_600.0;
 /// A heading older than this does not rotate a DVL's velocity any more, ns.
 const HEADING_AGE_MAX_NS: i64 = 10_000_000_000;
-/// Nothing that these navigators are for goes faster over ground, m/s.
-const GROUND_SPEED_MAX_MPS: f64 = 30.0;
 /// So many fixes in a row that contradict the belief are believed: a lost vehicle must be able to find back.
 const FIXES_BELIEVED: u32 = 3;
 
@@ -157,11 +155,14 @@ impl FixGate {
     }
 }
 
+/// Kinds of own sensors that these navigators read.
+pub const LOCAL_SENSORS: Kinds =
+    Kinds::of(&[Kind::Odometry, Kind::Depth, Kind::Heading, Kind::GroundVelocity, Kind::Fix]);
+
 /// Whose event it is, whether it is in order, and whether the clock stepped.
 ///
 /// # Errors
-/// What [`check_event`] says; [`Error::OutOfBound`] for a pause of more than six hours, or an arrival after the end of
-/// its decoding.
+/// What [`check_event`] says; [`Error::OutOfBound`] for a pause of more than six hours.
 pub fn check_local_event(event: &Event, own: VehicleId, now_ns: Option<i64>) -> Result<(), Error> {
     check_event(event, own, now_ns)?;
     if let Some(now_ns) = now_ns {
@@ -173,15 +174,6 @@ pub fn check_local_event(event: &Event, own: VehicleId, now_ns: Option<i64>) -> 
                 bound: "0 to 21600",
             });
         }
-    }
-    if let Payload::Reception { toa_ns, .. } = event.payload
-        && toa_ns > event.t_ns
-    {
-        return Err(Error::OutOfBound {
-            quantity: "arrival before the end of decoding, s",
-            value: seconds(event.t_ns.saturating_sub(toa_ns)),
-            bound: "0 and above",
-        });
     }
     Ok(())
 }

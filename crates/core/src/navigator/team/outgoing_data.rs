@@ -128,7 +128,7 @@ impl OutgoingData {
             let residual = position_m[axis] - reckoned;
             fixes.residual_m[axis] += share * (residual - fixes.residual_m[axis]);
         }
-        fixes.time_s += share * (seconds(t_ns - start.t_ns) - fixes.time_s);
+        fixes.time_s += share * (seconds(t_ns.saturating_sub(start.t_ns)) - fixes.time_s);
     }
 
     /// Fills `report` for a launch at `tol_ns` with `velocity_mps` in force; false before the start.
@@ -179,7 +179,7 @@ impl OutgoingData {
     }
 
     fn report_fix(&self, start: &Start, tol_ns: i64, report: &mut TeamReport) {
-        let age = |time_s: f64| (seconds(tol_ns - start.t_ns) - time_s).max(0.0);
+        let age = |time_s: f64| (seconds(tol_ns.saturating_sub(start.t_ns)) - time_s).max(0.0);
         let residual = self.fixes.residual_m;
         let tells = residual.iter().all(|r| r.abs() < 255.0);
         if self.fixes.information > 0.0 && tells && self.sent >= STARTS_AT_FIRST {
@@ -210,7 +210,7 @@ impl OutgoingData {
             t_ns > after_ns && age_s >= 0.0 && age_s < window_s + 0.5
         };
         let Some(&(newest_ns, _)) = self.soundings.iter().rev().find(|s| fresh(s.0)) else { return };
-        let newest_s = seconds(tol_ns - newest_ns);
+        let newest_s = seconds(tol_ns.saturating_sub(newest_ns));
         if room == 0 || newest_s > NEWEST_AGE_S {
             return;
         }
@@ -220,7 +220,7 @@ impl OutgoingData {
             .find(|s| *s >= wanted_s - 1e-9)
             .unwrap_or(SPACINGS_S[SPACINGS_S.len() - 1]);
         for (t_ns, water_depth_m) in self.soundings.iter().rev().filter(|s| fresh(s.0)) {
-            let age_s = seconds(tol_ns - t_ns);
+            let age_s = seconds(tol_ns.saturating_sub(*t_ns));
             let place = ((age_s - newest_s) / spacing_s).round();
             let off_s = (age_s - newest_s - place * spacing_s).abs();
             let taken = report

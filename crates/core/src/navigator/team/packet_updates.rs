@@ -2,7 +2,8 @@
 
 use super::Teammate;
 use crate::event::seconds;
-use crate::kernels::team::{Op, Prediction};
+use crate::kernels::team::{Op, Prediction, RangeOp};
+use crate::measurement::sounding::sharing_error;
 use crate::navigator::drift::Drift;
 use crate::packet::{FixSays, TeamReport};
 
@@ -22,6 +23,8 @@ pub struct ReportModel<'a> {
     pub correlation_m: f64,
     /// Variance of a range, m².
     pub range_m2: f64,
+    /// Walk of the clock difference, m²/s.
+    pub clock_m2_per_s: f64,
 }
 
 /// One instant of a packet.
@@ -78,7 +81,11 @@ impl PacketUpdates {
         for pair in self.track.windows(2) {
             let ((t0, p0), (t1, p1)) = (pair[0], pair[1]);
             if t_ns <= t1 {
-                let share = if t1 > t0 { (t_ns.max(t0) - t0) as f64 / (t1 - t0) as f64 } else { 1.0 };
+                let share = if t1 > t0 {
+                    t_ns.max(t0).saturating_sub(t0) as f64 / t1.saturating_sub(t0) as f64
+                } else {
+                    1.0
+                };
                 return [0, 1].map(|a| p0[a] + share * (p1[a] - p0[a]));
             }
         }
@@ -122,15 +129,18 @@ impl PacketUpdates {
             let there = self.at(t_ns);
             let step = [there[0] - here[0], there[1] - here[1]];
             if t_ns > now_ns {
-                self.ops.push(Op::Predict(model.prediction(step, seconds(t_ns - now_ns), speed_mps)));
+                self.ops.push(Op::Predict(model.prediction(
+                    step,
+                    seconds(t_ns.saturating_sub(now_ns)),
+                    speed_mps,
+                )));
                 since_m = since_m.map(|m| m + step[0].hypot(step[1]));
                 (now_ns, here) = (t_ns, there);
             }
             match what {
                 What::Sounding(depth) if depth.is_nan() => {}
                 What::Sounding(water_depth_m) => {
-                    let shared =
-                        since_m.map_or(1.0, |m| (2.0 * model.correlation_m / m.max(1e-9)).clamp(1.0, 1e6));
+                    let shared = sharing_error(model.correlation_m, since_m);
                     self.ops.push(Op::Sounding {
                         water_depth_m,
                         noise_m2: model.sounding_m2.unwrap_or(1.0) + report.depth_rounding_m2,
@@ -141,10 +151,10 @@ impl PacketUpdates {
                 }
                 What::Fix(position_m, variance_m2) => self.ops.push(Op::Fix { position_m, variance_m2 }),
                 What::Range(range_m, target) => {
-                    let variance_m2 = model.range_m2 + report.range_rounding_m2;
+                    let range = RangeOp { range_m, variance_m2: model.range_m2 + report.range_rounding_m2 };
                     self.ops.push(match target {
-                        Target::Own => Op::RangeToOwn { own: 0, range_m, variance_m2 },
-                        Target::Block(base) => Op::RangeToBlock { base, range_m, variance_m2 },
+                        Target::Own => Op::RangeToOwn { own: 0, clock_sign: -1.0, range },
+                        Target::Block(base) => Op::RangeToBlock { base, range },
                     });
                 }
             }
@@ -154,7 +164,8 @@ impl PacketUpdates {
     }
 
     /// The fastest piece is the one without a turn, m/s.
-    fn speed(&self, report: &TeamReport) -> f64 {
+    #[must_use]
+    pub fn speed(&self, report: &TeamReport) -> f64 {
         let piece_s = report.window_s / report.pieces_m.len().max(1) as f64;
         report.pieces_m.iter().map(|p| p[0].hypot(p[1]) / piece_s.max(1e-3)).fold(0.0, f64::max)
     }
@@ -173,6 +184,7 @@ impl ReportModel<'_> {
                 d.sigma_heading_bias_rad_per_sqrt_s.powi(2),
                 d.sigma_thrust_bias_mps_per_sqrt_s.powi(2),
             ],
+            clock_m2_per_s: self.clock_m2_per_s,
         }
     }
 }

@@ -25,7 +25,7 @@ pub const SPACINGS_S: [f64; 8] = [1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0];
 ///
 /// | field | bits | step | range | rounding |
 /// |---|---|---|---|---|
-/// | kind, sequence, depth | 4, 8, 10 | 1, 1, 0.1 m | depth 0 to 102.3 m | nearest |
+/// | kind, sequence, depth | 4, 8, 10 | 1, 1, 0.1 m to 1/64 | depth 0 to 13,004.8 m | nearest |
 /// | window | 7 | 1 s | 0 to 127 s | up |
 /// | dead-reckoned position | 2 × 16 | 1/8 m | modulo 8192 m | nearest |
 /// | scale e of the pieces | 2 | | steps of 2^e/8 m | |

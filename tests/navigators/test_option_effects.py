@@ -1,0 +1,248 @@
+"""Every option of every packaged navigator changes the tracks of a mission made for it, or is refused."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+
+import uwcoop
+from uwcoop import _native
+from uwcoop.errors import NavigatorError
+from uwcoop.missionlog import MissionLog
+from uwcoop.navigators import NAVIGATORS, OriginOptions, options_of
+from uwcoop.navigators.base import METHODS
+from uwcoop.navigators.landmark import ExchangeOptions
+from uwcoop.scenario import load
+
+BIAS_OPTIONS = (
+    "sigma_heading_bias0_rad",
+    "sigma_heading_bias_rad_per_sqrt_s",
+    "sigma_thrust_bias0_mps",
+    "sigma_thrust_bias_mps_per_sqrt_s",
+)
+DRIFTING = (
+    "duration_s=110",
+    # A monitor that alarms often, so that its options have an effect.
+    "navigator.all={particles=40, monitor_alarm=0.4, monitor_quiet_s=5.0, monitor_repeat_s=12.0}",
+    *(f"navigator.{name}={{}}" for name in ("dead-reckoning", "mpf", "team")),
+)
+MISSIONS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "particles": ("st-john-drift", DRIFTING),
+    "unlimited": ("st-john-drift", (*DRIFTING, 'acoustics.modem="unlimited"')),
+    "origin": ("ship-and-auv", ("duration_s=400",)),
+    "landmark": ("seafloor-survey-kidnap", ()),
+}
+"""Scenario and overrides of a mission."""
+
+GATED = {"range_gate_sigmas": 1.0}
+
+SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
+    ("modes",): {"packet": "modes"},
+    ("range_temper",): {"range_method": "gaussian"},
+    ("consensus_window", "consensus_quorum", "consensus_agree", "consensus_disagree"): {
+        "recovery_by": "consensus"
+    },
+    ("outlier_share", "outlier_width_m", "outlier_width_rad"): {"gate": "mixture"},
+    (
+        "bias_share",
+        "sigma_gyro_bias0_degps",
+        "sigma_gyro_bias_degps_per_sqrt_s",
+        "sigma_dvl_scale0",
+        "sigma_dvl_misalignment0_deg",
+    ): {"bias_states": True},
+    ("use_equation_6", "health_loss_max"): {"packet_form": "64", "use_joint": False},
+    # Never one Gaussian: particles until the end, and modes in the exchange packet.
+    (
+        "particles",
+        "resample_share",
+        "roughening",
+        "yaw_limit_deg",
+        "kurtosis_limit",
+        "clusters_by",
+        "cluster_starts",
+        "cluster_iterations",
+        "cluster_tolerance",
+        "cluster_ridge_one",
+        "cluster_ridge_many",
+        "cluster_search_points",
+    ): {"bend_sigmas": 0.02, "packet_bytes": 128},
+}
+"""What makes a navigator read an option, where it has the switch."""
+
+CHANGED: dict[str, Any] = {
+    "sigma_position_m_per_sqrt_s": 0.5,
+    "sigma_current_mps_per_sqrt_s": 0.1,
+    "sigma_current0_mps": 0.5,
+    "sigma_heading_bias0_rad": 0.2,
+    "sigma_thrust_bias0_mps": 0.3,
+    "sigma_heading_bias_rad_per_sqrt_s": 0.01,
+    "sigma_thrust_bias_mps_per_sqrt_s": 0.02,
+    "range_gate_sigmas": 0.3,
+    "range_samples": 7,
+    "range_temper": 0.1,
+    "entropy_sigma_m": 1.0,
+    "sigma_depth_m": 2.0,
+    "sigma_offset_m_per_sounding": 0.1,
+    "student_dof": 3.0,
+    "correlation_length_m": 25.0,
+    "sigma_map_m": 0.5,
+    "sounding_spacing_m": 4.0,
+    "least_ess_share": 0.4,
+    "packet_least_ess_share": 0.4,
+    "packet_spacing_m": 20.0,
+    "team_drift": ("dvl", "no-dvl", "dvl"),
+    "group_size": 1,
+    "frame_bytes": 64,
+    "tag_bytes": 0,
+    "offset_difference_m": 0.1,
+    "exact_lags": 0,
+    "gate_sigmas": 0.3,
+    "packet_bytes": 16,
+    "packet_format": 1,
+    "particles": 60,
+    "drift": "dvl",
+    "monitor_alarm": 4.0,
+    "monitor_forgetting": 0.5,
+    "monitor_clip": 0.5,
+    "monitor_repeat_s": 6.0,
+    "sigma_range_m": 25.0,
+    "health_loss_max": 0.0,
+    "speed_max_mps": 0.06,
+    "bend_sigmas": 0.02,
+    "yaw_limit_deg": 1.0,
+    "kurtosis_limit": 0.9,
+    "jump_window": 1,
+    "consensus_quorum": 2,
+    "cluster_starts": 1,
+    "cluster_iterations": 1,
+    "cluster_tolerance": 1.0,
+    "cluster_ridge_one": 1.0,
+    "cluster_ridge_many": 10.0,
+    "cluster_search_points": 20,
+    "landmark0_e_m": 1.0,
+    "landmark0_n_m": 1.0,
+    "landmark0_yaw_rad": 0.1,
+    "sigma_gyro_bias_degps_per_sqrt_s": 0.01,
+    "sigma_landing_yaw_deg": 1.0,
+}
+"""Values that differ from the default by enough."""
+
+
+CLUSTERS = [
+    "clusters_by",
+    "cluster_starts",
+    "cluster_iterations",
+    "cluster_tolerance",
+    "cluster_ridge_one",
+    "cluster_ridge_many",
+    "cluster_search_points",
+]
+NO_EFFECT_HERE: dict[str, list[str]] = {
+    # Equation (6) serves where a packet was lost for longer than its exact lags.
+    "mdeif": ["use_equation_6", "health_loss_max"],
+    # No exchange of this mission finds a cloud of several clusters: these are read where one does.
+    "landmark-paper": ["clusters_by", "cluster_search_points"],
+    "landmark": [*CLUSTERS, "resample_share", "consensus_quorum"],
+}
+"""Options that are read, and that these missions do not show: exactly these."""
+
+
+def kind_of(name: str) -> str:
+    model = NAVIGATORS[name].options
+    if issubclass(model, ExchangeOptions):
+        return "landmark"
+    if issubclass(model, OriginOptions):
+        return "origin"
+    return "unlimited" if NAVIGATORS[name].needs_bandwidth or name == "team" else "particles"
+
+
+@lru_cache
+def mission(kind: str) -> MissionLog:
+    name, overrides = MISSIONS[kind]
+    # Without truth no bound is computed.
+    return replace(uwcoop.simulate(load(name, overrides), seed=1), truth=None)
+
+
+def toml(value: Any) -> str:
+    return json.dumps(value)
+
+
+@lru_cache(maxsize=64)
+def digest(name: str, options: tuple[tuple[str, str], ...]) -> str:
+    told = [f"navigator.{name}.{option}={value}" for option, value in options]
+    tracks = uwcoop.run(mission(kind_of(name)), [name], overrides=told, clouds=False).tracks
+    found = hashlib.sha256()
+    for variable in sorted(tracks.data_vars):
+        values = tracks[variable].values
+        found.update(np.ascontiguousarray(values).tobytes())
+    return found.hexdigest()
+
+
+def changed(name: str, option: str, default: Any) -> Any:
+    if option in CHANGED:
+        return CHANGED[option]
+    if isinstance(default, bool):
+        return not default
+    if isinstance(default, str):
+        words = get_args(NAVIGATORS[name].options.model_fields[option].annotation)
+        return next(word for word in words if word != default)
+    if isinstance(default, int):
+        return default + 1 if default < 8 else default // 2
+    share = METHODS[NAVIGATORS[name].options.method]["bounds"].get(option, {}).get("le") == 1.0
+    return default / 3 if share else default * 4
+
+
+def base(name: str, option: str) -> dict[str, Any]:
+    spec = NAVIGATORS[name]
+    known = spec.options.model_fields
+    found: dict[str, Any] = {}
+    if "drift" in known and option in BIAS_OPTIONS and "bias_states" in known:
+        found["bias_states"] = True
+    if option == "sigma_range_m" and "range_gate_sigmas" in known:
+        found |= GATED
+    for switched, switch in SWITCHES.items():
+        if option in switched:
+            found |= {key: value for key, value in switch.items() if key in known}
+    if name == "landmark-paper":
+        found["particles"] = 300
+    found = {key: value for key, value in found.items() if key != option and key not in spec.fixed}
+    unread = dict(_native.unread_options(name, json.dumps(found)))
+    return {key: value for key, value in found.items() if key not in unread}
+
+
+def is_refused(name: str, option: str, stated: dict[str, Any]) -> bool:
+    unread = dict(_native.unread_options(name, json.dumps(stated)))
+    if option not in unread:
+        return False
+    with pytest.raises(NavigatorError, match=rf"navigator\.{name}\.{option}: not read, because "):
+        digest(name, as_key(stated))
+    return True
+
+
+@pytest.mark.parametrize("name", list(NAVIGATORS))
+def test_every_option_has_an_effect_or_is_refused(name: str) -> None:
+    spec = NAVIGATORS[name]
+    defaults = options_of(name).model_dump()
+    silent, effects = [], 0
+    for option in spec.options.model_fields:
+        if option in spec.fixed:
+            continue
+        stated = base(name, option)
+        other = {**stated, option: changed(name, option, defaults[option])}
+        if is_refused(name, option, other):
+            continue
+        effects += 1
+        if digest(name, as_key(stated)) == digest(name, as_key(other)):
+            silent.append(option)
+    assert silent == NO_EFFECT_HERE.get(name, []), f"{name} takes {', '.join(silent)} in silence"
+    assert effects >= 4
+
+
+def as_key(options: dict[str, Any]) -> tuple[tuple[str, str], ...]:
+    return tuple(sorted((option, toml(value)) for option, value in options.items()))
