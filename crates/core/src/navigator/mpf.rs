@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::diagnostics::teammates;
 use super::last_heard::LastHeard;
 use super::radio::{HeardBelief, Radio};
-use super::range::RangeOptions;
+use super::range::{RangeMethod, RangeOptions};
 use super::range_novelty;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
@@ -94,6 +94,9 @@ impl<const K: usize> Mpf<K> {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         };
+        if self.terrain.acquiring() {
+            return self.range_while_acquiring(&heard, toa_ns, &range);
+        }
         let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
@@ -105,6 +108,16 @@ impl<const K: usize> Mpf<K> {
 }
 
 impl<const K: usize> Mpf<K> {
+    /// A range weighs the search by itself: what its sender believed before is not in it.
+    fn range_while_acquiring(&mut self, heard: &HeardBelief, toa_ns: i64, range: &RangeOptions) -> Outcome {
+        let (RangeMethod::Gaussian { temper }, Some(moved_m)) =
+            (range.method, self.terrain.state.core.displacement_since(toa_ns))
+        else {
+            return Outcome::Noted;
+        };
+        self.terrain.acquire_range(heard.said.summary(heard.range_m, moved_m, range.sigma_m), temper)
+    }
+
     /// Share of this belief that counts: all of it, or what is new beside a standing error.
     fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief, standing_m2: f64) -> f64 {
         let (true, Some(before)) = (self.options.range_novelty, self.link.last_heard.of(sender)) else {
@@ -142,7 +155,7 @@ impl<const K: usize> Navigator for Mpf<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.link.radio.check_sender(&event.payload)?;
-        self.terrain.state.core.advance(event.t_ns);
+        self.terrain.advance(event.t_ns);
         let rejected_before = self.terrain.state.core.rejected;
         let outcome = self.fuse_event(event);
         self.terrain.state.core.count_gated(&event.payload, outcome, rejected_before);
@@ -150,7 +163,8 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        if self.options.range.is_none() || !self.terrain.state.core.started() {
+        // What is being searched for is no belief yet.
+        if self.options.range.is_none() || !self.terrain.state.core.started() || self.terrain.acquiring() {
             return Ok(None);
         }
         let estimate = self.terrain.state.core.estimate(tol_ns);
@@ -174,7 +188,7 @@ impl<const K: usize> Navigator for Mpf<K> {
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
         let (terrain, link): (TerrainState<K>, LinkState) = load(snapshot)?;
-        self.terrain.state.core.check_same(&terrain.core)?;
+        self.terrain.check_same(&terrain)?;
         self.link.radio.check_same(&link.radio)?;
         self.terrain.state = terrain;
         self.link = link;

@@ -34,8 +34,7 @@ pub fn share(
     let mut rho = correlation(then, now, growth);
     if standing_m2 > 0.0 {
         let (then, now) = (then.max(0.0), now.max(0.0));
-        rho = (rho * (then * now).sqrt() + standing_m2)
-            / ((then + standing_m2) * (now + standing_m2)).sqrt();
+        rho = (rho * (then * now).sqrt() + standing_m2) / ((then + standing_m2) * (now + standing_m2)).sqrt();
     }
     ((1.0 - rho) / (1.0 + rho)).max(LEAST)
 }

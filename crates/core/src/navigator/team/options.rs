@@ -1,7 +1,7 @@
 //! Options of `team`.
 
-use crate::navigator::clock::ClockOptions;
 use crate::error::Error;
+use crate::navigator::clock::ClockOptions;
 use crate::navigator::drift::Drift;
 use crate::navigator::settings::{Settings, TeamSettings, check_all};
 use crate::navigator::terrain_core::TerrainOptions;
