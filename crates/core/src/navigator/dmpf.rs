@@ -27,6 +27,9 @@ use crate::mixture::{Mode, fit};
 use crate::packet::{Belief, PacketKind};
 use crate::random::{Purpose, Streams};
 
+/// The paper has no tide; a sounding may lie outside the chart's depths by as much as `mpf` believes of one, m.
+const TIDE_SIGMA_M: f64 = 1.0;
+
 /// Options of `dmpf`; [`DmpfSettings`] holds the paper's values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DmpfOptions {
@@ -126,6 +129,10 @@ impl Dmpf {
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
             return Outcome::Noted;
         };
+        if !chart.admits(water_depth_m, TIDE_SIGMA_M) {
+            core.rejected += 1;
+            return Outcome::Gated;
+        }
         let here = trajectory.displacement_m();
         if soundings.len() > self.options.window {
             soundings.pop_front();

@@ -198,7 +198,10 @@ impl<const K: usize> Team<K> {
     }
 
     fn sounding(&mut self, t_ns: i64, water_depth_m: f64, sigma_m: f64) -> Outcome {
-        self.state.outgoing.sounding(t_ns, water_depth_m);
+        // What is no sounding of this seabed is not broadcast either.
+        if self.terrain.possible(water_depth_m, sigma_m) {
+            self.state.outgoing.sounding(t_ns, water_depth_m);
+        }
         self.state.sigma_sounding_m = Some(sigma_m);
         let acquiring = self.terrain.acquiring();
         let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sigma_m);
