@@ -115,7 +115,7 @@ def main(kind: str, folder: str, count: int, seed: int) -> None:
     for k in range(count):
         path.write_bytes(damaged(whole, rng))
         try:
-            chart = load_chart(path)
+            chart = load_chart(path, crs="EPSG:32610" if kind == "asc" else None)
         except UwcoopError as error:
             if "\n" in str(error):
                 print(f"{kind} {k}: several lines: {error!r}")
@@ -140,6 +140,7 @@ def said_of(kind: str, folder: Path, count: int, seed: int) -> str:
     )  # fmt: skip
     assert f"read {count}" in done.stderr, f"{kind}: ended with {done.returncode}: {done.stderr[-600:]}"
     assert "Traceback" not in done.stderr
+    assert "Error" not in done.stderr
     assert "HDF5-DIAG" not in done.stderr
     return done.stdout
 

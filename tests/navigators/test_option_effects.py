@@ -26,23 +26,25 @@ BIAS_OPTIONS = (
     "sigma_thrust_bias0_mps",
     "sigma_thrust_bias_mps_per_sqrt_s",
 )
-DRIFTING = ("duration_s=110", "navigator.all.particles=40")
+DRIFTING = (
+    "duration_s=110",
+    # A monitor that alarms often, so that its options have an effect.
+    "navigator.all={particles=40, monitor_alarm=0.4, monitor_quiet_s=5.0, monitor_repeat_s=12.0}",
+    *(f"navigator.{name}={{}}" for name in ("dead-reckoning", "mpf", "team")),
+)
 MISSIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "particles": ("st-john-drift", DRIFTING),
-    "origin": ("four-vehicle-team", ("duration_s=240",)),
-    "one-way": ("ship-and-auv", ("duration_s=400",)),
+    "unlimited": ("st-john-drift", (*DRIFTING, 'acoustics.modem="unlimited"')),
+    "origin": ("ship-and-auv", ("duration_s=400",)),
     "landmark": ("seafloor-survey-kidnap", ()),
 }
 """Scenario and overrides of a mission."""
 
-ONE_WAY = ("deif", "deif-redundant")
-ALARMED = {"monitor_alarm": 0.02, "monitor_quiet_s": 5.0, "monitor_repeat_s": 12.0}
-"""A monitor that alarms every few soundings, so that its options have an effect."""
 GATED = {"range_gate_sigmas": 1.0}
 
 SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
     ("modes",): {"packet": "modes"},
-    ("range_temper",): {"range_method": "gaussian"},
+    ("range_temper", "clock"): {"range_method": "gaussian"},
     ("consensus_window", "consensus_quorum", "consensus_agree", "consensus_disagree"): {
         "recovery_by": "consensus"
     },
@@ -54,6 +56,22 @@ SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
         "sigma_dvl_scale0",
         "sigma_dvl_misalignment0_deg",
     ): {"bias_states": True},
+    ("use_equation_6", "health_loss_max"): {"packet_form": "64", "use_joint": False},
+    # Never one Gaussian: particles until the end, and modes in the exchange packet.
+    (
+        "particles",
+        "resample_share",
+        "roughening",
+        "yaw_limit_deg",
+        "kurtosis_limit",
+        "clusters_by",
+        "cluster_starts",
+        "cluster_iterations",
+        "cluster_tolerance",
+        "cluster_ridge_one",
+        "cluster_ridge_many",
+        "cluster_search_points",
+    ): {"bend_sigmas": 0.02, "packet_bytes": 128},
 }
 """What makes a navigator read an option, where it has the switch."""
 
@@ -88,7 +106,27 @@ CHANGED: dict[str, Any] = {
     "packet_bytes": 16,
     "packet_format": 1,
     "particles": 60,
-    "particles_landmark": 400,
+    "drift": "dvl",
+    "monitor_alarm": 4.0,
+    "monitor_forgetting": 0.5,
+    "monitor_clip": 0.5,
+    "monitor_repeat_s": 6.0,
+    "sigma_range_m": 25.0,
+    "clock": {"late_share": 0.5},
+    "referee_nat": 0.0,
+    "health_loss_max": 0.0,
+    "speed_max_mps": 0.06,
+    "bend_sigmas": 0.02,
+    "yaw_limit_deg": 1.0,
+    "kurtosis_limit": 0.9,
+    "jump_window": 1,
+    "consensus_quorum": 2,
+    "cluster_starts": 1,
+    "cluster_iterations": 1,
+    "cluster_tolerance": 1.0,
+    "cluster_ridge_one": 1.0,
+    "cluster_ridge_many": 10.0,
+    "cluster_search_points": 20,
     "landmark0_e_m": 1.0,
     "landmark0_n_m": 1.0,
     "landmark0_yaw_rad": 0.1,
@@ -98,13 +136,32 @@ CHANGED: dict[str, Any] = {
 """Values that differ from the default by enough."""
 
 
+CLUSTERS = [
+    "clusters_by",
+    "cluster_starts",
+    "cluster_iterations",
+    "cluster_tolerance",
+    "cluster_ridge_one",
+    "cluster_ridge_many",
+    "cluster_search_points",
+]
+NO_EFFECT_HERE: dict[str, list[str]] = {
+    # Equation (6) serves where a packet was lost for longer than its exact lags.
+    "mdeif": ["use_equation_6", "health_loss_max"],
+    # No exchange of this mission finds a cloud of several clusters: these are read where one does.
+    "landmark-paper": ["clusters_by", "cluster_search_points"],
+    "landmark": [*CLUSTERS, "resample_share", "consensus_quorum"],
+}
+"""Options that are read, and that these missions do not show: exactly these."""
+
+
 def kind_of(name: str) -> str:
     model = NAVIGATORS[name].options
     if issubclass(model, ExchangeOptions):
         return "landmark"
     if issubclass(model, OriginOptions):
-        return "one-way" if name in ONE_WAY else "origin"
-    return "particles"
+        return "origin"
+    return "unlimited" if NAVIGATORS[name].needs_bandwidth or name == "team" else "particles"
 
 
 @lru_cache
@@ -115,6 +172,8 @@ def mission(kind: str) -> MissionLog:
 
 
 def toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(one)}" for key, one in value.items()) + "}"
     return json.dumps(value)
 
 
@@ -147,16 +206,18 @@ def base(name: str, option: str) -> dict[str, Any]:
     spec = NAVIGATORS[name]
     known = spec.options.model_fields
     found: dict[str, Any] = {}
-    if option.startswith("monitor_") and "monitor_alarm" in known:
-        found |= ALARMED
-    if kind_of(name) == "particles" and option in BIAS_OPTIONS and "bias_states" in known:
+    if "drift" in known and option in BIAS_OPTIONS and "bias_states" in known:
         found["bias_states"] = True
     if option == "sigma_range_m" and "range_gate_sigmas" in known:
         found |= GATED
     for switched, switch in SWITCHES.items():
         if option in switched:
             found |= {key: value for key, value in switch.items() if key in known}
-    return {key: value for key, value in found.items() if key != option and key not in spec.fixed}
+    if name == "landmark-paper":
+        found["particles"] = 300
+    found = {key: value for key, value in found.items() if key != option and key not in spec.fixed}
+    unread = dict(_native.unread_options(name, json.dumps(found)))
+    return {key: value for key, value in found.items() if key not in unread}
 
 
 def is_refused(name: str, option: str, stated: dict[str, Any]) -> bool:
@@ -183,7 +244,7 @@ def test_every_option_has_an_effect_or_is_refused(name: str) -> None:
         effects += 1
         if digest(name, as_key(stated)) == digest(name, as_key(other)):
             silent.append(option)
-    assert not silent, f"{name} takes {', '.join(silent)} in silence"
+    assert silent == NO_EFFECT_HERE.get(name, []), f"{name} takes {', '.join(silent)} in silence"
     assert effects >= 4
 
 

@@ -57,7 +57,7 @@ def test_a_packet_that_does_not_fit_is_silence_and_counted() -> None:
         ("takes_ranges", "yes", "takes_ranges of a navigator is yes, not True or False"),
         ("needs_delivery_oracle", 3.5, "needs_delivery_oracle of a navigator is 3.5"),
         ("uses", 7, "uses of a navigator is 7, not names of event kinds"),
-        ("uses", ["fix", "smell"], "no kind of event"),
+        ("uses", ["fix", "smell"], 'names "smell", no kind of event'),
     ],
 )
 def test_a_profile_that_is_none_is_refused(attribute: str, value: Any, says: str) -> None:

@@ -146,19 +146,20 @@ impl<const K: usize> Cloud<K> {
     ///
     /// False, and weights as they were, if no particle has a finite likelihood.
     pub fn reweight(&mut self, log_likelihood: Vec<f64>) -> bool {
+        self.reweight_evidence(log_likelihood).is_some()
+    }
+
+    /// As [`Cloud::reweight`]; ln Σ w exp(log-likelihood) over the weights before, nat.
+    pub fn reweight_evidence(&mut self, log_likelihood: Vec<f64>) -> Option<f64> {
         self.scratch.column = log_likelihood;
         let added = &mut self.scratch.column;
         if !added.iter().any(|l| l.is_finite()) {
-            return false;
+            return None;
         }
-        match weights::update(&self.log_weights, added, &mut self.weights) {
-            Some((_, squares)) => {
-                std::mem::swap(added, &mut self.log_weights);
-                self.ess = 1.0 / squares;
-                true
-            }
-            None => false,
-        }
+        let (evidence_nat, squares) = weights::update(&self.log_weights, added, &mut self.weights)?;
+        std::mem::swap(added, &mut self.log_weights);
+        self.ess = 1.0 / squares;
+        Some(evidence_nat)
     }
 
     /// Fills `out` with the paper's range likelihood (17) against `samples` draws of a belief.

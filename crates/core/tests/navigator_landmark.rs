@@ -6,7 +6,7 @@ mod seafloor;
 
 use seafloor::*;
 use uwcoop_core::event::Payload;
-use uwcoop_core::navigator::landmark::model::wrap;
+use uwcoop_core::measurement::angle::wrap;
 use uwcoop_core::navigator::landmark::{Landmark, LandmarkOptions, LandmarkPaper};
 use uwcoop_core::navigator::{Navigator, Outcome, Status};
 use uwcoop_core::packet::landmark::ExchangeSize;

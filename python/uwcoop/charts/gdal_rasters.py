@@ -71,8 +71,13 @@ def _quietly(kind: str) -> Iterator[None]:
     GDAL's copy of HDF5 writes its stack to the standard error of the process, which nothing but the file descriptor
     itself can stop; rasterio reports messages of GDAL that are no UTF-8 as exceptions that nobody can catch.
     """
-    hook = sys.unraisablehook
-    sys.unraisablehook = lambda said: None if isinstance(said.exc_value, UnicodeDecodeError) else hook(said)
+    unraisable, uncaught = sys.unraisablehook, sys.excepthook
+    sys.unraisablehook = lambda said: (
+        None if isinstance(said.exc_value, UnicodeDecodeError) else unraisable(said)
+    )
+    sys.excepthook = lambda kind, error, at: (
+        None if isinstance(error, UnicodeDecodeError) else uncaught(kind, error, at)
+    )
     sys.stderr.flush()
     kept = os.dup(_STDERR) if kind != "tiff" else None
     try:
@@ -84,7 +89,7 @@ def _quietly(kind: str) -> Iterator[None]:
         if kept is not None:
             os.dup2(kept, _STDERR)
             os.close(kept)
-        sys.unraisablehook = hook
+        sys.unraisablehook, sys.excepthook = unraisable, uncaught
 
 
 def _bag_options(rasterio: Any, path: Path, reading: Reading) -> tuple[dict[str, str], tuple[str, ...]]:

@@ -5,50 +5,38 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import multiprocessing
-import multiprocessing.connection
 import os
-import threading
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uwcoop import acoustics
 from uwcoop import scenario as scenarios
-from uwcoop.acoustics.authentication import KeyFileWarning, check_key
-from uwcoop.errors import ScenarioError, StudyError, UwcoopError
+from uwcoop.acoustics.authentication import check_key
+from uwcoop.errors import ScenarioError, StudyError
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.error_series import (
     ErrorSeries,
-    error_series_of,
     gather,
     read_error_series,
     write_error_series,
 )
 from uwcoop.evaluation.metrics import summary_text
 from uwcoop.experiment.navigator_choice import default_navigators
-from uwcoop.experiment.run import run
 from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore, text_of
+from uwcoop.experiment.study_workers import FlownSeed, flights
 from uwcoop.navigators import Custom, options_of
 from uwcoop.report.atomic_files import check_folder, lock_folder
-from uwcoop.report.interruption import deferred, ignored_in_children
+from uwcoop.report.interruption import deferred
 from uwcoop.scenario.secrets import holds_secret, redact, sets_secret
 from uwcoop.scenario.setup import MissionSetup
-from uwcoop.world.simulate import open_chart, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
 
-    from uwcoop.charts import Chart
-    from uwcoop.missionlog import MissionLog
-    from uwcoop.scenario.chart import ChartSpec
     from uwcoop.scenario.models import Scenario
 
 __all__ = ["StudyResult", "study"]
@@ -131,7 +119,7 @@ def study(
         acoustics.schedule(variant.scenario.acoustics, [v.name for v in variant.scenario.team], 0.0)
         check_key(variant.scenario.acoustics.authentication)
     with _sole_writer(None if out is None else Path(out)) as folder:
-        ledger = StudyStore(
+        store = StudyStore(
             folder,
             list(vary or {}),
             {
@@ -143,14 +131,15 @@ def study(
             resume=resume,
         )
         seeds = range(first_seed, first_seed + runs)
-        kept = _kept_before(ledger, list(vary or {}), folder) if keep_errors and folder is not None else {}
-        pending = _pending(ledger, variants, chosen, seeds)
+        kept = _kept_before(store, list(vary or {}), folder) if keep_errors and folder is not None else {}
+        pending = _pending(store, variants, chosen, seeds)
+        worlds = [variant.scenario for variant in variants]
         done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
         if progress:
             progress(done, total)
         try:
-            for seed, flown in _flights(pending, variants, chosen, processes, keep_errors):
-                ledger.add(_labelled(flown, variants, seed, first_seed))
+            for seed, flown in flights(pending, worlds, chosen, processes, keep_errors):
+                store.add(_labelled(flown, variants, seed, first_seed))
                 kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
                 done += len(flown)
                 if progress:
@@ -160,7 +149,7 @@ def study(
                 with deferred():  # what was flown is kept, also when a signal ends the study
                     write_error_series(kept, folder)
         errors = gather(kept, [variant.label for variant in variants], seeds)
-        return replace(_result(ledger, variants, runs, first_seed), errors=errors)
+        return replace(_result(store, variants, runs, first_seed), errors=errors)
 
 
 @contextmanager
@@ -187,7 +176,7 @@ def _sole_writer(folder: Path | None) -> Iterator[Path | None]:
             folder.rmdir()
 
 
-def _labelled(flown: _Flown, variants: Sequence[_Variant], seed: int, first_seed: int) -> list[Row]:
+def _labelled(flown: FlownSeed, variants: Sequence[_Variant], seed: int, first_seed: int) -> list[Row]:
     """A seed's rows with the values of the varied keys and the run's number."""
     return [
         {
@@ -253,10 +242,10 @@ def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
 
 
 def _pending(
-    ledger: StudyStore, variants: Sequence[_Variant], navigators: Sequence[str | Custom], seeds: Iterable[int]
+    store: StudyStore, variants: Sequence[_Variant], navigators: Sequence[str | Custom], seeds: Iterable[int]
 ) -> dict[int, list[int]]:
     """By seed, the variants that are still to be run; what was cut off while it was written counts as such."""
-    counts = ledger.missions()
+    counts = store.missions()
     pending: dict[int, list[int]] = {}
     partial = set()
     for seed in seeds:
@@ -265,7 +254,7 @@ def _pending(
             if have != len(navigators) * len(variant.scenario.team):
                 pending.setdefault(seed, []).append(k)
                 partial |= {(variant.texts, seed)} if have else set()
-    ledger.drop(partial)
+    store.drop(partial)
     return pending
 
 
@@ -273,122 +262,23 @@ def _label(keys: Iterable[str], texts: Iterable[str]) -> str:
     return ", ".join(f"{key} = {text}" for key, text in zip(keys, texts, strict=True))
 
 
-def _kept_before(ledger: StudyStore, keys: Sequence[str], folder: Path) -> ErrorSeries:
+def _kept_before(store: StudyStore, keys: Sequence[str], folder: Path) -> ErrorSeries:
     """Errors over time in the folder, of missions whose rows it holds too."""
-    flown = {(_label(keys, texts), seed) for texts, seed in ledger.missions()}
+    flown = {(_label(keys, texts), seed) for texts, seed in store.missions()}
     return {mission: series for mission, series in read_error_series(folder).items() if mission in flown}
 
 
-_Flown = list[tuple[int, list[Row], "xr.Dataset | None"]]
-"""Variant, rows, and the error over time if it is kept."""
-
-
-def _flights(
-    pending: Mapping[int, Sequence[int]],
-    variants: Sequence[_Variant],
-    navigators: Sequence[str | Custom],
-    processes: int | None,
-    keep_errors: bool,
-) -> Iterator[tuple[int, _Flown]]:
-    """Every pending seed with its variants' rows, in the order in which they finish."""
-    fly = partial(_fly, keep_errors=True) if keep_errors else _fly
-    jobs = {seed: [(k, variants[k].scenario) for k in which] for seed, which in pending.items()}
-    workers = min(processes or _cores(), len(jobs))
-    if workers <= 1:
-        for seed, job in jobs.items():
-            try:
-                yield seed, fly(seed, job, navigators)
-            except UwcoopError as error:
-                raise _with_seed(error, seed) from error
-        return
-    ours = set(multiprocessing.active_children())
-    executor = ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), initializer=_end_with_parent
-    )
-    try:
-        with ignored_in_children():
-            futures: dict[Future[_Flown], int] = {
-                executor.submit(fly, seed, job, navigators): seed for seed, job in jobs.items()
-            }
-        for future in as_completed(futures):
-            try:
-                yield futures[future], future.result()
-            except UwcoopError as error:
-                raise _with_seed(error, futures[future]) from error
-            except BrokenProcessPool as error:
-                raise StudyError(
-                    "a worker process did not start or was killed: a script that calls study() needs "
-                    '`if __name__ == "__main__":` around its work; for want of memory use fewer processes'
-                ) from error
-    except BaseException:
-        executor.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - ours:
-            child.terminate()
-        raise
-    finally:
-        executor.shutdown(cancel_futures=True)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent is killed would wait for work for ever."""
-    warnings.simplefilter("ignore", KeyFileWarning)  # said once, by the parent
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
-
-    def watch() -> None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _with_seed(error: UwcoopError, seed: int) -> UwcoopError:
-    error.args = (f"{error} (seed {seed})",)
-    return error
-
-
-def _fly(
-    seed: int,
-    job: Sequence[tuple[int, Scenario]],
-    navigators: Sequence[str | Custom],
-    keep_errors: bool = False,
-) -> _Flown:
-    """One seed in every variant; worlds that are the same are simulated once."""
-    logs: dict[str, MissionLog] = {}
-    flown: _Flown = []
-    for k, scenario in job:
-        world = scenario.world_text()
-        if world not in logs:
-            logs[world] = simulate(scenario, seed, None if scenario.chart is None else _chart(scenario.chart))
-        log = replace(logs[world], setup=MissionSetup.of(scenario))
-        result = run(log, navigators, clouds=False)
-        rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
-        flown.append((k, rows, error_series_of(result.tracks) if keep_errors else None))
-    return flown
-
-
-@lru_cache(maxsize=4)
-def _chart(spec: ChartSpec) -> Chart:
-    # Once in each process: gridding soundings takes longer than a mission.
-    return open_chart(spec)
-
-
-def _result(ledger: StudyStore, variants: Sequence[_Variant], runs: int, first_seed: int) -> StudyResult:
+def _result(store: StudyStore, variants: Sequence[_Variant], runs: int, first_seed: int) -> StudyResult:
     rows: list[Row] = []
     summaries = []
     for variant in variants:
-        own = [row for row in ledger.of(variant.texts) if 0 <= row["seed"] - first_seed < runs]
+        own = [row for row in store.of(variant.texts) if 0 <= row["seed"] - first_seed < runs]
         own = [{**row, **variant.settings, "run": row["seed"] - first_seed} for row in own]
         own.sort(key=lambda row: row["seed"])
         summaries.append({"set": variant.settings, "navigators": metrics.pool(own)})
         rows += own
     summary = {"scenario": variants[0].scenario.name, "runs": runs, "variants": summaries}
-    ledger.finish(summary_text(summary))
+    store.finish(summary_text(summary))
     teams = {len(variant.scenario.team) for variant in variants}
     settle_s = variants[0].scenario.metrics.settle_s
     return StudyResult(rows, summary, settle_s, teams.pop() if len(teams) == 1 else None)

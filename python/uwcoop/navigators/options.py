@@ -6,13 +6,19 @@ Sources: Tan, Chitre & Hover (2016), Table 1 and section 3-4, for `dmpf`; the pa
 from __future__ import annotations
 
 import json
-from typing import Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from uwcoop import _native
 from uwcoop.navigators.base import FROM_CORE, NavigatorOptions
 
+if TYPE_CHECKING:
+    from uwcoop.scenario.acoustics import Acoustics
+
 __all__ = [
     "DRIFT_PRESETS",
+    "ClockOptions",
     "DeadReckoningOptions",
     "DmpfOptions",
     "DriftName",
@@ -20,6 +26,7 @@ __all__ = [
     "FilterOptions",
     "MpfOptions",
     "TerrainOptions",
+    "clock_of",
 ]
 
 DRIFT_PRESETS: dict[str, dict[str, float]] = json.loads(_native.drift_presets())
@@ -53,6 +60,39 @@ class DeadReckoningOptions(DriftOptions, method="dead-reckoning"):
     """Options of `dead-reckoning`."""
 
 
+class ClockOptions(BaseModel):
+    """What may be wrong with one-way ranges. What is not stated is as the scenario's `acoustics` says; 0 rules it out."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    offset_sigma_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Sigma of each vehicle's clock error at the start of the mission."""
+    drift_sigma_ppm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Sigma of each clock's drift."""
+    sound_speed_sigma_mps: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
+    """Sigma of the sound speed's error."""
+    late_share: Annotated[float, Field(ge=0, le=0.9)] = 0.0
+    """Share of ranges that come late by a longer way."""
+    lateness_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 20.0
+    """Mean lateness of those."""
+
+
+def clock_of(acoustics: Acoustics) -> dict[str, float]:
+    """What a user who knows the hardware and the water says of them, as `ClockOptions`.
+
+    Two-way ranging has no use for what clocks differ by. What is off by a given amount, and not by a sigma, no user
+    knows.
+    """
+    one_way, clock = acoustics.ranging == "one-way", acoustics.clock
+    return {
+        "offset_sigma_s": clock.offset_sigma_s if one_way else 0.0,
+        "drift_sigma_ppm": clock.drift_sigma_ppm if one_way else 0.0,
+        "sound_speed_sigma_mps": acoustics.sound_speed_error_sigma_mps,
+        "late_share": min(acoustics.range_outlier_share, 0.9),
+        "lateness_m": acoustics.range_outlier_m.mean_m,
+    }
+
+
 class FilterOptions(DriftOptions, method="dmpf"):
     """What all particle filters have."""
 
@@ -66,6 +106,8 @@ class FilterOptions(DriftOptions, method="dmpf"):
     """Sigma of a range."""
     range_gate_sigmas: float | None = FROM_CORE
     """Ranges that contradict the cloud by more than this many sigmas are gated and counted; None: never."""
+    clock: ClockOptions = Field(default=FROM_CORE, validate_default=True)
+    """What may be wrong with one-way ranges."""
 
 
 class DmpfOptions(FilterOptions, method="dmpf"):

@@ -15,6 +15,9 @@ class TeamOptions(TerrainOptions, method="team"):
 
     packet: Literal["rounded", "f64"] = FROM_CORE
     """Own data since the last broadcast, in one frame; or the same as float64, for studies."""
+    referee_nat: float = FROM_CORE
+    """Evidence by which `mpf` without ranges, run beside, must explain the own soundings better before the vehicle starts
+    anew from it; a false alarm has a chance of e to the minus this. 0: it is not run."""
     frame_bytes: int = FROM_CORE
     """Bytes of a packet, tag or checksum included; larger teams thin their soundings to fit."""
     tag_bytes: int = FROM_CORE

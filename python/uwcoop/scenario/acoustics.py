@@ -54,6 +54,11 @@ class ExponentialOutlier(Table):
         """Metres, below which this share of the outliers lies."""
         return np.asarray(-self.mean * np.log1p(-share))
 
+    @property
+    def mean_m(self) -> float:
+        """Mean, metres."""
+        return self.mean
+
 
 class UniformOutlier(Table):
     """How much too long a range by another way is: anything between two lengths."""
@@ -71,6 +76,11 @@ class UniformOutlier(Table):
     def quantile(self, share: NDArray[np.float64]) -> NDArray[np.float64]:
         """Metres, below which this share of the outliers lies."""
         return np.asarray(self.low + (self.high - self.low) * share)
+
+    @property
+    def mean_m(self) -> float:
+        """Mean, metres."""
+        return (self.low + self.high) / 2
 
 
 class Acoustics(Table):
@@ -111,6 +121,8 @@ class Acoustics(Table):
         ExponentialOutlier()
     )
     """By how much they are too long, metres."""
+    range_outlier_hold_s: NonNegative = 0.0
+    """How long two vehicles stay in a geometry that has a longer way, or has none; 0: each range by its own chance."""
     loss: Loss = NoLoss()
     losses: Annotated[tuple[Loss, ...], Field(strict=False)] = ()
     """Further losses: a frame must survive them all."""

@@ -98,7 +98,7 @@ impl Dmpf {
         non_negative("roughening_m2", options.roughening_m2)?;
         positive("resample_share", options.resample_share)?;
         if let Some(range) = &options.range {
-            positive("sigma_range_m", range.sigma_m)?;
+            range.validate()?;
         }
         if !(1..=MODES_MAX).contains(&options.modes) {
             return Err(Error::OutOfBound {
@@ -184,6 +184,10 @@ impl Dmpf {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
         }
+        // Of an error that stands from range to range nothing is renewed: it counts by the share of the rest.
+        let standing_m2 = self.state.radio.standing_m2(&range.clock, tol_ns, toa_ns);
+        let noise_m2 = range.sigma_m * range.sigma_m;
+        let range = range.inflated(standing_m2).counting(noise_m2 / (noise_m2 + standing_m2));
         let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.state.core.rejected += 1;
             return Outcome::Rejected;

@@ -1,6 +1,7 @@
 //! The contract of a navigator, and one module for each method.
 
 pub mod authenticated;
+pub mod clock;
 pub mod dead_reckoning;
 pub mod diagnostics;
 pub mod dmpf;

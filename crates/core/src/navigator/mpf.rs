@@ -13,7 +13,7 @@ use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, positive};
+use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::packet::PacketKind;
 
@@ -61,7 +61,7 @@ impl<const K: usize> Mpf<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         if let Some(range) = &options.range {
-            positive("sigma_range_m", range.sigma_m)?;
+            range.validate()?;
         }
         Ok(Self {
             own,
@@ -80,23 +80,6 @@ impl<const K: usize> Mpf<K> {
         &self.terrain
     }
 
-    fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
-        let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
-        self.terrain.resample();
-        outcome
-    }
-
-    /// One sounding: lookup, offset update, tempered weights, health, resampling.
-    fn sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> Outcome {
-        let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sensor_sigma_m);
-        if let Some(statistic) = health
-            && !self.terrain.watch(statistic)
-        {
-            self.terrain.resample();
-        }
-        outcome
-    }
-
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
         // Before the radio takes down that the packet was heard: what cannot be placed in time is refused whole.
@@ -104,11 +87,13 @@ impl<const K: usize> Mpf<K> {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         }
+        let standing_m2 = self.link.radio.standing_m2(&range.clock, tol_ns, toa_ns);
+        let range = range.inflated(standing_m2);
         let Some(heard) = self.link.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         };
-        let share = self.new_share(sender, tol_ns, &heard);
+        let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
             self.link.range_novelty.heard(sender, tol_ns, heard.said.moments().1);
@@ -119,8 +104,8 @@ impl<const K: usize> Mpf<K> {
 }
 
 impl<const K: usize> Mpf<K> {
-    /// Share of this belief that counts: all of it, or what is new.
-    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief) -> f64 {
+    /// Share of this belief that counts: all of it, or what is new beside a standing error.
+    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief, standing_m2: f64) -> f64 {
         let (true, Some(before_ns)) = (self.options.range_novelty, self.link.range_novelty.heard_at(sender))
         else {
             return 1.0;
@@ -133,7 +118,7 @@ impl<const K: usize> Mpf<K> {
         let direction = [de / distance_m, dn / distance_m];
         // A teammate drifts as this vehicle does: its packets have no room for more.
         let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before_ns)));
-        self.link.range_novelty.share(sender, covariance_m2, direction, &growth)
+        self.link.range_novelty.share(sender, covariance_m2, direction, &growth, standing_m2)
     }
 }
 
@@ -141,20 +126,14 @@ impl<const K: usize> Mpf<K> {
     /// What one event does once the clock has been advanced to it.
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.terrain.state.core.velocity_mps = *velocity_mps;
-                Outcome::Fused
-            }
             Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
                 self.link.radio.set_depth(*depth_m);
                 Outcome::Fused
             }
-            Payload::Fix { position_m, covariance_m2 } => self.fix(*position_m, *covariance_m2),
-            Payload::WaterDepth { water_depth_m, sigma_m } => self.sounding(*water_depth_m, *sigma_m),
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
                 self.reception(*sender, *tol_ns, *toa_ns, bytes)
             }
-            _ => Outcome::Noted,
+            _ => self.terrain.handle(event),
         }
     }
 }

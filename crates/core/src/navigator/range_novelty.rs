@@ -9,6 +9,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::event::VehicleId;
+use crate::measurement::range::along;
 
 /// How a position error grows in dead reckoning, along one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,6 +53,7 @@ impl RangeNovelty {
     }
 
     /// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector); 1 for a teammate's first packet.
+    /// `standing_m2` is the variance of a part of the range's error that is never renewed, as a clock's.
     #[must_use]
     pub fn share(
         &self,
@@ -59,9 +61,16 @@ impl RangeNovelty {
         covariance_m2: [f64; 3],
         direction: [f64; 2],
         growth: &Growth,
+        standing_m2: f64,
     ) -> f64 {
         let Some(last) = self.last.get(usize::from(sender)).copied().flatten() else { return 1.0 };
-        let rho = correlation(along(last.covariance_m2, direction), along(covariance_m2, direction), growth);
+        let (then, now) = (along(direction, last.covariance_m2), along(direction, covariance_m2));
+        let mut rho = correlation(then, now, growth);
+        if standing_m2 > 0.0 {
+            let (then, now) = (then.max(0.0), now.max(0.0));
+            rho = (rho * (then * now).sqrt() + standing_m2)
+                / ((then + standing_m2) * (now + standing_m2)).sqrt();
+        }
         ((1.0 - rho) / (1.0 + rho)).max(LEAST)
     }
 
@@ -89,11 +98,6 @@ fn correlation(then_m2: f64, now_m2: f64, growth: &Growth) -> f64 {
     (drifting * kept).clamp(0.0, 1.0)
 }
 
-/// Variance along a unit vector.
-fn along([ee, en, nn]: [f64; 3], [e, n]: [f64; 2]) -> f64 {
-    e * e * ee + 2.0 * e * n * en + n * n * nn
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -103,10 +107,10 @@ mod tests {
 
     fn share(then: [f64; 3], now: [f64; 3], growth: &Growth) -> f64 {
         let mut novelty = RangeNovelty::new(2);
-        assert_eq!(novelty.share(1, then, EAST, growth), 1.0, "the first packet is entirely new");
+        assert_eq!(novelty.share(1, then, EAST, growth, 0.0), 1.0, "the first packet is entirely new");
         novelty.heard(1, 7, then);
         assert_eq!((novelty.heard_at(0), novelty.heard_at(1)), (None, Some(7)));
-        novelty.share(1, now, EAST, growth)
+        novelty.share(1, now, EAST, growth, 0.0)
     }
 
     #[test]
@@ -151,6 +155,15 @@ mod tests {
             let growth = Growth { correlation: cross / (p * drift_m2).sqrt(), drift_m2, walk_m2: walk };
             assert!((correlation(p, now, &growth) - exact).abs() < 1e-9, "{noise_m2}");
         }
+    }
+
+    #[test]
+    fn beside_a_standing_error_what_is_renewed_counts_for_less() {
+        let mut novelty = RangeNovelty::new(2);
+        novelty.heard(1, 7, [4.0, 0.0, 1.0]);
+        let shares = [0.0, 1.0, 10.0, 1000.0].map(|m2| novelty.share(1, [1.0, 0.0, 1.0], EAST, &STILL, m2));
+        assert!(shares.windows(2).all(|pair| pair[0] > pair[1]), "{shares:?}");
+        assert!(shares[3] < 1e-2 && shares[3] > 0.0);
     }
 
     #[test]

@@ -7,13 +7,14 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::model::{Measurement, Monitor, wrap};
+use super::model::{Measurement, Monitor};
 use super::paper_cloud::PaperCloud;
 use super::paper_options::PaperOptions;
 use super::role_exchange::RoleExchange;
 use crate::error::Error;
 use crate::event::{Event, GROUND_SPEED_MAX_MPS, Kind, Payload, VehicleId, seconds};
 use crate::kernels::landmark::OdometryStep;
+use crate::measurement::angle::wrap;
 use crate::mixture::Mode;
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};

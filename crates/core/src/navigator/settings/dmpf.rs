@@ -119,6 +119,7 @@ impl Settings for DmpfSettings {
             ["range_method", "range_samples", "range_temper", "entropy_sigma_m", "packet", "modes"];
         all_unread(!ranges, &RangeSettings::OPTIONS, RangeSettings::OFF)
             .chain(all_unread(!ranges, &of_ranges, RangeSettings::OFF))
+            .chain(all_unread(eq17, &["clock"], "(17) has no variance; range_method = \"gaussian\" has"))
             .chain(all_unread(
                 eq17,
                 &["range_temper"],
@@ -130,6 +131,11 @@ impl Settings for DmpfSettings {
                 "(17) has no sigma; a gate (range_gate_sigmas) or range_method = \"gaussian\" has",
             ))
             .chain(all_unread(ranges && !eq17, &["range_samples"], "range_method is gaussian"))
+            .chain(all_unread(
+                eq17 && self.packet == DmpfPacket::Particles,
+                &["range_samples"],
+                "(17) takes every particle of a \"particles\" packet",
+            ))
             .chain(all_unread(
                 ranges && self.packet != DmpfPacket::Modes,
                 &["modes"],

@@ -16,7 +16,7 @@ use super::Outcome;
 use super::particle_core::ParticleCore;
 use crate::chart::Chart;
 use crate::error::Error;
-use crate::event::VehicleId;
+use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::weights::{weighted_covariance, weighted_mean};
 use crate::random::{Purpose, Streams};
 use sounding::SoundingScratch;
@@ -102,6 +102,50 @@ impl<const K: usize> TerrainCore<K> {
             core.cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
         }
         outcome
+    }
+
+    /// Advances to an event that was checked, and takes up what concerns a filter that hears nobody.
+    pub fn handle(&mut self, event: &Event) -> Outcome {
+        self.state.core.advance(event.t_ns);
+        match &event.payload {
+            Payload::Motion { velocity_mps } => {
+                self.state.core.velocity_mps = *velocity_mps;
+                Outcome::Fused
+            }
+            Payload::Fix { position_m, covariance_m2 } => {
+                let outcome = self.weigh_fix(*position_m, *covariance_m2);
+                self.resample();
+                outcome
+            }
+            Payload::WaterDepth { water_depth_m, sigma_m } => {
+                let (outcome, health) = self.weigh_sounding(*water_depth_m, *sigma_m);
+                if let Some(statistic) = health
+                    && !self.watch(statistic)
+                {
+                    self.resample();
+                }
+                outcome
+            }
+            _ => Outcome::Noted,
+        }
+    }
+
+    /// How well the cloud explained the last sounding, before it took it up: ln Σ w exp(log-likelihood), nat. `None` where
+    /// that was not weighed.
+    #[must_use]
+    pub fn evidence_nat(&self) -> Option<f64> {
+        self.scratch.evidence_nat
+    }
+
+    /// The cloud, and what belongs to it, become those of `other`; counts stay.
+    pub fn become_cloud_of(&mut self, other: &Self) {
+        let (mine, theirs) = (&mut self.state, &other.state);
+        let (rejected, restarts, nat) = (mine.core.rejected, mine.core.restarts, mine.core.information_nat);
+        mine.core.become_core(&theirs.core);
+        (mine.core.rejected, mine.core.restarts, mine.core.information_nat) = (rejected, restarts, nat);
+        mine.sounded_at_m = theirs.sounded_at_m;
+        mine.health = theirs.health;
+        mine.last_alarm_ns = theirs.last_alarm_ns;
     }
 
     /// Resamples where the weights call for it (14), and jitters on the joint state.

@@ -7,13 +7,8 @@ use crate::kernels::likelihood::{OffsetModel, SoundingColumns, sounding_update};
 use crate::kernels::lookup::bilinear;
 use crate::kernels::pattern::{Pattern, pattern_depths};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
+use crate::measurement::sounding::{LEAST_SIGMA_M, sharing_error};
 use crate::navigator::Outcome;
-
-/// Soundings that share a chart error when a vehicle hardly moves: enough to make one count for nothing.
-const MOST_SHARED: f64 = 1e6;
-
-/// No echo sounder is better than a millimetre, m.
-const LEAST_SIGMA_M: f64 = 1e-3;
 
 /// A sounding that would leave too few particles is weighed again with twice the sigma, at most so many times.
 const SOFTENINGS: usize = 6;
@@ -27,12 +22,15 @@ pub(super) struct SoundingScratch {
     variance: Vec<f64>,
     innovation: Vec<f64>,
     innovation_variance: Vec<f64>,
+    /// Of the last sounding, where that was weighed, nat.
+    pub(super) evidence_nat: Option<f64>,
 }
 
 impl<const K: usize> TerrainCore<K> {
     /// A sounding up to its weights; with the health statistic where it was used. Watching and resampling are left to the
     /// caller.
     pub fn weigh_sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> (Outcome, Option<f64>) {
+        self.scratch.evidence_nat = None;
         let core = &mut self.state.core;
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
             return (Outcome::Noted, None);
@@ -43,7 +41,7 @@ impl<const K: usize> TerrainCore<K> {
             return (Outcome::Noted, None);
         }
         let correlation_m = self.options.correlation_length_m.unwrap_or(chart.correlation_length_m());
-        let shared = apart_m.map_or(1.0, |d| (2.0 * correlation_m / d.max(1e-9)).clamp(1.0, MOST_SHARED));
+        let shared = sharing_error(correlation_m, apart_m);
         let mut model = OffsetModel {
             sigma_m: self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).max(LEAST_SIGMA_M),
             shared,
@@ -75,7 +73,7 @@ impl<const K: usize> TerrainCore<K> {
             *b += c;
         }
         core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
-        core.cloud.reweight(column);
+        self.scratch.evidence_nat = core.cloud.reweight_evidence(column);
         (Outcome::Fused, health)
     }
 }
