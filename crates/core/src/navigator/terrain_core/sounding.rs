@@ -39,7 +39,8 @@ impl<const K: usize> TerrainCore<K> {
     /// Whether the chart can have this depth at all, whatever the tide.
     #[must_use]
     pub fn possible(&self, water_depth_m: f64, sensor_sigma_m: f64) -> bool {
-        let sigma_m = self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).hypot(self.options.sigma_offset0_m);
+        let sigma_m =
+            self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).hypot(self.options.sigma_offset0_m);
         self.chart.as_ref().is_none_or(|chart| chart.admits(water_depth_m, sigma_m))
     }
 
