@@ -26,6 +26,8 @@ __all__ = [
 ]
 
 _CHART_DPI = 130
+
+
 def write_run(
     result: RunResult, folder: Path, note: Callable[[str], None], *, figures: bool = False
 ) -> list[str]:

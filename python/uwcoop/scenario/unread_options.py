@@ -17,9 +17,7 @@ from uwcoop.errors import NavigatorError
 
 __all__ = ["UnreadOptionWarning", "without_unread"]
 
-_PACKAGED: dict[str, dict[str, Any]] = {
-    one["name"]: one for one in json.loads(_native.packaged_navigators())
-}
+_PACKAGED: dict[str, dict[str, Any]] = {one["name"]: one for one in json.loads(_native.packaged_navigators())}
 _METHODS: dict[str, dict[str, Any]] = json.loads(_native.navigator_options())
 
 

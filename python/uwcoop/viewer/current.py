@@ -48,13 +48,13 @@ def send(recording: Any, stage: Stage, tracks: xr.Dataset, log: MissionLog) -> N
                 for side, factor in (("above", 2.0), ("below", -2.0)):
                     label = f"{navigator} {'+' if factor > 0 else '−'} 2 sigma"
                     edge = entity(*where, navigator, side)
-                    series(
-                        recording, edge, label, rgb(i), stage.time_s, mean + factor * sigma, width=0.5
-                    )
+                    series(recording, edge, label, rgb(i), stage.time_s, mean + factor * sigma, width=0.5)
         if has_alarms(tracks):
             for i, navigator in enumerate(stage.navigators):
                 counted = tracks[ALARMS].values[i, j, stage.at]
-                series(recording, entity(ALARMS, vehicle, navigator), navigator, rgb(i), stage.time_s, counted)
+                series(
+                    recording, entity(ALARMS, vehicle, navigator), navigator, rgb(i), stage.time_s, counted
+                )
 
 
 def range_mps(tracks: xr.Dataset) -> float:

@@ -151,9 +151,7 @@ def _alarm_plots(stage: Stage, tracks: xr.Dataset) -> list[Any]:
         return []
     top = 1.2 * float(np.nanmax(tracks[current.ALARMS].values))
     return [
-        _plot(
-            stage, entity(current.ALARMS, vehicle), f"{vehicle}: alarms so far", (0.0, top), legend=True
-        )
+        _plot(stage, entity(current.ALARMS, vehicle), f"{vehicle}: alarms so far", (0.0, top), legend=True)
         for vehicle in stage.vehicles
     ]
 

@@ -102,6 +102,11 @@ impl<const K: usize> Mpf<K> {
 
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
+        // Before the radio takes down that the packet was heard: what cannot be placed in time is refused whole.
+        if !self.terrain.state.core.remembers(toa_ns) {
+            self.terrain.state.core.rejected += 1;
+            return Outcome::Rejected;
+        }
         let Some(heard) = self.link.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
