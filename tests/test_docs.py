@@ -32,6 +32,7 @@ from uwcoop.scenario import loading
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 LONGEST_S = 60
 FENCE = re.compile(
     r"^(?P<before>[^\n]*)\n(?P<indent> *)```(?P<language>python|toml|console)(?P<options>[^\n]*)\n"
@@ -147,7 +148,8 @@ def _run_commands(block: Block, where: str) -> None:
 
 
 def test_what_a_page_shows_is_typed(tmp_path: Path) -> None:
-    """All `python` blocks in one run of `mypy --strict`: a page is a module, a block with a title a file of its own."""
+    """All `python` blocks and `examples/` in one run of `mypy --strict`: a page is a module, a block with a title a file
+    of its own."""
     sources: dict[str, str] = {}
     for page in PAGES:
         stem = str(page.relative_to(ROOT).with_suffix("")).replace("/", "_")
@@ -159,9 +161,11 @@ def test_what_a_page_shows_is_typed(tmp_path: Path) -> None:
             # At the line that it has on the page, so that a message leads there.
             sources[module] = text + "\n" * (block.line - text.count("\n")) + block.text
     assert len(sources) > 10
+    assert len(EXAMPLES) >= 3
     for module, text in sources.items():
         (tmp_path / f"{module}.py").write_text(text, encoding="utf-8")
     files = [str(tmp_path / f"{module}.py") for module in sources]
+    files += [str(path) for path in EXAMPLES]
     checked = subprocess.run(
         [sys.executable, "-m", "mypy", "--config-file", str(ROOT / "pyproject.toml"), "--strict", *files],
         cwd=ROOT, capture_output=True, text=True, check=False,

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use uwcoop_core::chart::{Chart, SigmaMap};
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload};
+use uwcoop_core::navigator::clock::ClockOptions;
 use uwcoop_core::navigator::dmpf::DmpfOptions;
 use uwcoop_core::navigator::drift::Drift;
 use uwcoop_core::navigator::mpf::MpfOptions;
@@ -74,6 +75,7 @@ pub fn dmpf_options(particles: usize) -> DmpfOptions {
             sigma_m: 1.0,
             gate_sigmas: f64::INFINITY,
             entropy_sigma_m: None,
+            clock: ClockOptions::default(),
         }),
         terrain: true,
         packet: PacketKind::Belief,
@@ -105,6 +107,7 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
             sigma_m: 1.0,
             gate_sigmas: 6.0,
             entropy_sigma_m: None,
+            clock: ClockOptions::default(),
         }),
         range_novelty: true,
         packet: PacketKind::Belief,

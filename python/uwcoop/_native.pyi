@@ -39,6 +39,7 @@ __all__ = [
     "landmark_polar",
     "landmark_predict",
     "landmark_reconstruct",
+    "late_range",
     "liu_west",
     "make_central",
     "make_navigator",
@@ -261,6 +262,14 @@ def range_log_likelihood(
     method: str,
     samples: _F8 | None = None,
 ) -> _F8: ...
+def late_range(
+    innovation_m: _F8,
+    variance_m2: _F8,
+    gain_m2: _F8,
+    late_share: float,
+    lateness_m: float,
+    floor_per_m: float,
+) -> tuple[_F8, _F8, _F8]: ...
 def normalize(log_weights: _F8) -> _F8: ...
 def residual_resample(weights: _F8, uniforms: _F8) -> tuple[_I8, _I8]: ...
 def roughen(positions_m: _F8, ancestors: _I8, counts: _I8, variance_m2: float, normals: _F8) -> _F8: ...

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from uwcoop import acoustics
-from uwcoop.acoustics.channel import travel_time_s
+from uwcoop.acoustics.channel import _World, travel_time_s
 from uwcoop.errors import ScenarioError
 from uwcoop.scenario.acoustics import Acoustics
 from uwcoop.world.vehicles import Motion
@@ -107,3 +107,20 @@ def test_outliers_leave_the_noise_and_the_other_ranges_as_they_were() -> None:
         pytest.approx(1400, abs=90),
     )
     assert (many[few > 0] == few[few > 0]).all()  # the first outliers stay, more come
+
+
+def test_outliers_that_hold_stay_for_both_directions_of_a_pair() -> None:
+    motion = [still((0, 0), steps=6000), still((600, 0), steps=6000)]
+    settings = table(range_outlier_share=0.3, range_outlier_hold_s=60.0)
+    world = _World(settings, motion, 0, ("V1", "V2"))
+    at = np.arange(0.0, 6000.0, 5.0)
+    there, back = world.timing_error_s(0, 1, at), world.timing_error_s(1, 0, at)
+    noise = world.timing_error_s(0, 1, at) - there
+    assert not noise.any()
+    quiet = _World(table(), motion, 0, ("V1", "V2"))
+    late = [way - quiet.timing_error_s(*pair, at) for way, pair in ((there, (0, 1)), (back, (1, 0)))]
+    np.testing.assert_allclose(late[0], late[1], atol=1e-12)
+    changes = np.flatnonzero(np.abs(np.diff(late[0])) > 1e-12)
+    assert changes.size > 10
+    assert np.all(np.diff(changes) % 12 == 0), "a stay lasts as long as it is said to"
+    assert (late[0] > 1e-12).mean() == pytest.approx(0.3, abs=0.12)

@@ -29,7 +29,9 @@ BIAS_OPTIONS = (
 DRIFTING = (
     "duration_s=110",
     # A monitor that alarms often, so that its options have an effect.
-    "navigator.all={particles=40, monitor_alarm=1.05, monitor_forgetting=0.3, monitor_quiet_s=3.0, monitor_repeat_s=20.0}",
+    "navigator.all={particles=40, monitor_alarm=1.05, monitor_forgetting=0.3}",
+    "navigator.all.monitor_quiet_s=3.0",
+    "navigator.all.monitor_repeat_s=20.0",
     *(f"navigator.{name}={{}}" for name in ("dead-reckoning", "mpf", "team")),
 )
 MISSIONS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -62,7 +64,7 @@ GATED = {"range_gate_sigmas": 1.0}
 
 SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
     ("modes",): {"packet": "modes"},
-    ("range_temper",): {"range_method": "gaussian"},
+    ("range_temper", "clock"): {"range_method": "gaussian"},
     ("consensus_window", "consensus_quorum", "consensus_agree", "consensus_disagree"): {
         "recovery_by": "consensus",
         "consensus_disagree": 3.0,
@@ -135,6 +137,8 @@ CHANGED: dict[str, Any] = {
     # Below `monitor_quiet_s`: no alarm repeats another.
     "monitor_repeat_s": 1.0,
     "sigma_range_m": 25.0,
+    "clock": {"late_share": 0.5},
+    "referee_nat": 0.0,
     "health_loss_max": 0.0,
     "speed_max_mps": 0.06,
     "bend_sigmas": 0.02,
@@ -187,6 +191,8 @@ def with_holes(log: MissionLog) -> MissionLog:
 
 
 def toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(one)}" for key, one in value.items()) + "}"
     return json.dumps(value)
 
 

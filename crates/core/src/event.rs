@@ -1,6 +1,7 @@
 //! What can happen to a vehicle, stamped.
 
 mod bounds;
+mod kind;
 
 use std::sync::Arc;
 
@@ -8,6 +9,8 @@ use nalgebra::{Matrix2, Matrix3};
 use serde::{Deserialize, Serialize};
 
 pub use bounds::{BOUNDS, Bound, CORRELATION_SLACK, TIME_NS, TRAVEL_NS, check_time, check_travel};
+
+pub use kind::{Class, Kind};
 
 use crate::error::Error;
 use bounds::{check_span, check_triangle};
@@ -131,93 +134,6 @@ pub enum Payload {
         /// Who received it.
         to: VehicleId,
     },
-}
-
-/// Kinds of events.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-pub enum Kind {
-    /// [`Payload::Motion`].
-    Motion,
-    /// [`Payload::Odometry`].
-    Odometry,
-    /// [`Payload::WaterDepth`].
-    WaterDepth,
-    /// [`Payload::Depth`].
-    Depth,
-    /// [`Payload::Heading`].
-    Heading,
-    /// [`Payload::TurnRate`].
-    TurnRate,
-    /// [`Payload::GroundVelocity`].
-    GroundVelocity,
-    /// [`Payload::Fix`].
-    Fix,
-    /// [`Payload::AcousticFix`].
-    AcousticFix,
-    /// [`Payload::Landed`].
-    Landed,
-    /// [`Payload::LiftedOff`].
-    LiftedOff,
-    /// [`Payload::RoleTaken`].
-    RoleTaken,
-    /// [`Payload::Reception`].
-    Reception,
-    /// [`Payload::Delivered`].
-    Delivered,
-}
-
-impl Kind {
-    /// All kinds, in the order of their declaration.
-    pub const ALL: [Self; 14] = [
-        Self::Motion,
-        Self::Odometry,
-        Self::WaterDepth,
-        Self::Depth,
-        Self::Heading,
-        Self::TurnRate,
-        Self::GroundVelocity,
-        Self::Fix,
-        Self::AcousticFix,
-        Self::Landed,
-        Self::LiftedOff,
-        Self::RoleTaken,
-        Self::Reception,
-        Self::Delivered,
-    ];
-
-    /// Its name in a mission log.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Motion => "motion",
-            Self::Odometry => "odometry",
-            Self::WaterDepth => "water_depth",
-            Self::Depth => "depth",
-            Self::Heading => "heading",
-            Self::TurnRate => "turn_rate",
-            Self::GroundVelocity => "ground_velocity",
-            Self::Fix => "fix",
-            Self::AcousticFix => "acoustic_fix",
-            Self::Landed => "landed",
-            Self::LiftedOff => "lifted_off",
-            Self::RoleTaken => "role_taken",
-            Self::Reception => "reception",
-            Self::Delivered => "delivered",
-        }
-    }
-}
-
-/// Order of events at one instant (DESIGN: sensors, receptions, transmissions, role changes).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Class {
-    /// Anything that a sensor says.
-    Sensor,
-    /// An arriving packet, or word of a delivery.
-    Reception,
-    /// A transmit slot.
-    Transmit,
-    /// Landing, lifting off, roles.
-    Role,
 }
 
 impl Payload {

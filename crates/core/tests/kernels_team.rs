@@ -5,8 +5,10 @@ use nalgebra::{DMatrix, DVector};
 use uwcoop_core::kernels::jitter::{JitterScratch, jitter_followers};
 use uwcoop_core::kernels::lookup::{Grid, Paired, bilinear, paired};
 use uwcoop_core::kernels::team::{
-    BLOCK, BlockUpdates, Joints, MapSigma, Op, Own, Prediction, Terrain, packed, packed_len, run,
+    BLOCK, BlockLayout, BlockUpdates, Joints, MapSigma, Op, Own, Prediction, RangeOp, Terrain, packed,
+    packed_len, run,
 };
+use uwcoop_core::measurement::range::LateArrivals;
 use uwcoop_core::random::{Purpose, Streams};
 
 /// Not a multiple of the lanes.
@@ -27,35 +29,57 @@ struct World {
     /// The particle whose covariance each has.
     order: Vec<u32>,
     own: [Vec<f64>; 2],
+    layout: BlockLayout,
+    late: Option<LateArrivals>,
 }
 
 impl World {
     fn new() -> Self {
-        let scale = [4.0, 3.0, 0.5, 0.2, 0.2, 0.03, 0.08, 5.0, 2.0, 0.4, 0.2, 0.1, 0.02, 0.05];
-        let centre = [60.0, 55.0, 0.2, 0.1, -0.1, 0.01, 0.02, 30.0, 85.0, -0.1, 0.0, 0.1, 0.0, 0.0];
-        let each = |i: usize| normals(i as u32, DIM * DIM + DIM);
+        Self::of(BlockLayout::default())
+    }
+
+    fn of(layout: BlockLayout) -> Self {
+        let blocks = [
+            ([60.0, 55.0, 0.2, 0.1, -0.1, 0.01, 0.02], [4.0, 3.0, 0.5, 0.2, 0.2, 0.03, 0.08]),
+            ([30.0, 85.0, -0.1, 0.0, 0.1, 0.0, 0.0], [5.0, 2.0, 0.4, 0.2, 0.1, 0.02, 0.05]),
+        ];
+        let (mut centre, mut scale) = (Vec::new(), Vec::new());
+        if layout.scale {
+            centre.push(0.004);
+            scale.push(0.007);
+        }
+        for (means, sigmas) in blocks {
+            centre.extend(means);
+            scale.extend(sigmas);
+            if layout.clock {
+                centre.extend([2.0, 0.01]);
+                scale.extend([6.0, 0.03]);
+            }
+        }
+        let dim = layout.base(2);
+        let each = |i: usize| normals(i as u32, dim * dim + dim);
         let mean = (0..COUNT)
-            .map(|i| DVector::from_fn(DIM, |r, _| centre[r] + 0.3 * scale[r] * each(i)[DIM * DIM + r]))
+            .map(|i| DVector::from_fn(dim, |r, _| centre[r] + 0.3 * scale[r] * each(i)[dim * dim + r]))
             .collect();
         let covariance = (0..COUNT)
             .map(|i| {
                 let z = each(i);
-                let root = DMatrix::from_fn(DIM, DIM, |r, c| {
-                    scale[r] * (0.3 * z[r * DIM + c] + if r == c { 1.0 } else { 0.0 })
+                let root = DMatrix::from_fn(dim, dim, |r, c| {
+                    scale[r] * (0.3 * z[r * dim + c] + if r == c { 1.0 } else { 0.0 })
                 });
                 &root * root.transpose()
             })
             .collect();
         let order = (0..COUNT as u32).map(|i| (i * 5 + 3) % COUNT as u32).collect();
         let own = [normals(90, COUNT), normals(91, COUNT)].map(|c| c.iter().map(|x| 20.0 + x).collect());
-        Self { mean, covariance, order, own }
+        Self { mean, covariance, order, own, layout, late: None }
     }
 
     fn covariance_of(&self, i: usize) -> &DMatrix<f64> {
         &self.covariance[self.order[i] as usize]
     }
 
-    /// Runs operations on the first block; means and covariances after them, log-likelihoods, the last innovations.
+    /// Runs operations on the first block; means and covariances after them, log-likelihoods, innovations.
     #[allow(clippy::type_complexity)]
     fn run(
         &self,
@@ -63,9 +87,10 @@ impl World {
         ops: &[Op],
         terrain: Option<Terrain<'_>>,
     ) -> (Vec<DVector<f64>>, Vec<DMatrix<f64>>, Vec<f64>, [Vec<f64>; 2]) {
-        let mut mean: Vec<f64> = (0..DIM).flat_map(|r| self.mean.iter().map(move |m| m[r])).collect();
-        let mut before = vec![0.0; packed_len(DIM) * COUNT];
-        for r in 0..DIM {
+        let dim = self.layout.base(2);
+        let mut mean: Vec<f64> = (0..dim).flat_map(|r| self.mean.iter().map(move |m| m[r])).collect();
+        let mut before = vec![0.0; packed_len(dim) * COUNT];
+        for r in 0..dim {
             for c in 0..=r {
                 for (i, p) in self.covariance.iter().enumerate() {
                     before[packed(r, c) * COUNT + i] = p[(r, c)];
@@ -75,10 +100,12 @@ impl World {
         let mut after = vec![0.0; before.len()];
         let weighing = ops.iter().filter(|op| op.weighs()).count();
         let mut rows = vec![0.0; weighing * COUNT];
-        let mut innovation = [vec![0.0; COUNT], vec![0.0; COUNT]];
+        let mut innovation = [vec![0.0; weighing * COUNT], vec![0.0; weighing * COUNT]];
         let [east, north] = &self.own;
         let updates = BlockUpdates {
             base,
+            layout: self.layout,
+            late: self.late,
             ops,
             terrain,
             own: Own { at: [[east, north], [north, east]] },
@@ -86,7 +113,7 @@ impl World {
         };
         let mut scratch = Vec::new();
         let mut joints = Joints {
-            dim: DIM,
+            dim,
             mean: &mut mean,
             before: &before,
             order: &self.order,
@@ -95,9 +122,9 @@ impl World {
         };
         let [nu, s] = &mut innovation;
         run(&updates, &mut joints, &mut rows, &mut [nu, s]);
-        let means = (0..COUNT).map(|i| DVector::from_fn(DIM, |r, _| mean[r * COUNT + i])).collect();
+        let means = (0..COUNT).map(|i| DVector::from_fn(dim, |r, _| mean[r * COUNT + i])).collect();
         let covariances =
-            (0..COUNT).map(|i| DMatrix::from_fn(DIM, DIM, |r, c| after[packed(r, c) * COUNT + i])).collect();
+            (0..COUNT).map(|i| DMatrix::from_fn(dim, dim, |r, c| after[packed(r, c) * COUNT + i])).collect();
         (means, covariances, rows, innovation)
     }
 }
@@ -133,6 +160,7 @@ fn a_prediction_is_the_dense_one() {
         speed_mps: 0.9,
         position_m2_per_s: 0.004,
         walk_per_s: [1e-4, 1e-8, 1e-6],
+        clock_m2_per_s: 0.0,
     };
     for base in [0, BLOCK] {
         let (means, covariances, rows, _) = world.run(base, &[Op::Predict(step)], None);
@@ -272,6 +300,16 @@ fn over_a_hole_and_off_the_chart_nothing_changes_but_the_walk_of_the_offset() {
     close_mean(&means[3], &world.mean[3], "without a chart");
 }
 
+/// Own places 0 are those at the last launch, to which the sender measured; 1, where this vehicle measured.
+fn to_own(own: usize, range_m: f64) -> Op {
+    let clock_sign = if own == 1 { 1.0 } else { -1.0 };
+    Op::RangeToOwn { own, clock_sign, range: RangeOp { range_m, variance_m2: 1.0 } }
+}
+
+fn to_block(base: usize, range_m: f64) -> Op {
+    Op::RangeToBlock { base, range: RangeOp { range_m, variance_m2: 1.0 } }
+}
+
 /// Second order across the line of sight, as the methods page writes it.
 fn dense_range(
     m: &DVector<f64>,
@@ -308,9 +346,9 @@ fn dense_range(
 fn ranges_to_oneself_and_between_blocks_are_the_dense_updates() {
     let world = World::new();
     for (ops, other, own) in [
-        ([Op::RangeToOwn { own: 0, range_m: 50.0, variance_m2: 1.0 }], None, 0),
-        ([Op::RangeToOwn { own: 1, range_m: 50.0, variance_m2: 1.0 }], None, 1),
-        ([Op::RangeToBlock { base: BLOCK, range_m: 44.0, variance_m2: 1.0 }], Some(BLOCK), 0),
+        ([to_own(0, 50.0)], None, 0),
+        ([to_own(1, 50.0)], None, 1),
+        ([to_block(BLOCK, 44.0)], Some(BLOCK), 0),
     ] {
         let (means, covariances, rows, innovation) = world.run(0, &ops, None);
         for i in 0..COUNT {
@@ -325,6 +363,114 @@ fn ranges_to_oneself_and_between_blocks_are_the_dense_updates() {
             close(&covariances[i], &covariance, "covariance");
             assert!((rows[i] - log).abs() < 1e-9, "{} {log}", rows[i]);
             assert!(innovation[1][i] > 1.0);
+        }
+    }
+}
+
+const CLOCKED: BlockLayout = BlockLayout { scale: true, clock: true };
+
+#[test]
+fn a_clock_difference_runs_on_by_its_rate() {
+    let world = World::of(CLOCKED);
+    let (base, dim) = (CLOCKED.base(1), CLOCKED.base(2));
+    let step = Prediction {
+        displacement_m: [2.4, -1.1],
+        dt_s: 4.0,
+        speed_mps: 0.9,
+        position_m2_per_s: 0.004,
+        walk_per_s: [1e-4, 1e-8, 1e-6],
+        clock_m2_per_s: 0.02,
+    };
+    let (means, covariances, _, _) = world.run(base, &[Op::Predict(step)], None);
+    let (clock, rate) = (base + BLOCK, base + BLOCK + 1);
+    for i in 0..COUNT {
+        let p = world.covariance_of(i);
+        let mut f = DMatrix::<f64>::identity(dim, dim);
+        f[(clock, rate)] = 4.0;
+        let [de, dn] = step.displacement_m;
+        for (axis, row) in [[4.0, 0.0, dn, de / 0.9], [0.0, 4.0, -de, dn / 0.9]].iter().enumerate() {
+            for (k, x) in row.iter().enumerate() {
+                f[(base + axis, base + 3 + k)] = *x;
+            }
+        }
+        let expected = &f * p * f.transpose();
+        for r in 0..dim {
+            let more = if r == clock { 0.08 } else { 0.0 };
+            let off = (covariances[i][(clock, r)] - expected[(clock, r)] - more).abs();
+            assert!(off < 1e-9 * (1.0 + expected[(clock, r)].abs()), "{r}: {off}");
+        }
+        assert!((means[i][clock] - world.mean[i][clock] - 4.0 * world.mean[i][rate]).abs() < 1e-12);
+    }
+}
+
+/// z = (1 + s) D ± β of each kind of range, dense.
+#[test]
+fn a_range_sees_scale_and_clocks_with_their_signs() {
+    let world = World::of(CLOCKED);
+    let (own, other, dim) = (CLOCKED.base(0), CLOCKED.base(1), CLOCKED.base(2));
+    for (op, far, clocks) in [
+        (to_own(0, 50.0), None, vec![(own + BLOCK, -1.0)]),
+        (to_own(1, 50.0), None, vec![(own + BLOCK, 1.0)]),
+        (to_block(other, 44.0), Some(other), vec![(own + BLOCK, -1.0), (other + BLOCK, 1.0)]),
+    ] {
+        let (means, covariances, rows, [nu, s]) = world.run(own, &[op], None);
+        for i in 0..COUNT {
+            let (m, p) = (&world.mean[i], world.covariance_of(i));
+            let mut at = [world.own[0][i], world.own[1][i]];
+            if matches!(op, Op::RangeToOwn { own: 1, .. }) {
+                at.reverse();
+            }
+            if let Some(far) = far {
+                at = [m[far], m[far + 1]];
+            }
+            let (de, dn) = (m[own] - at[0], m[own + 1] - at[1]);
+            let d = de.hypot(dn);
+            let (mut u, mut v) = (DVector::<f64>::zeros(dim), DVector::<f64>::zeros(dim));
+            for (place, sign) in [(Some(own), 1.0), (far, -1.0)] {
+                let Some(place) = place else { continue };
+                (u[place], u[place + 1]) = (sign * de / d, sign * dn / d);
+                (v[place], v[place + 1]) = (-sign * dn / d, sign * de / d);
+            }
+            let t = (v.transpose() * p * &v)[0];
+            let k = t / d.max(t.sqrt());
+            let length = d + 0.5 * k;
+            let mut h = u * (1.0 + m[0]);
+            h[0] = length;
+            let range_m = if far.is_some() { 44.0 } else { 50.0 };
+            let mut innovation = range_m - (1.0 + m[0]) * length;
+            for (clock, sign) in &clocks {
+                h[*clock] = *sign;
+                innovation -= sign * m[*clock];
+            }
+            let variance = (h.transpose() * p * &h)[0] + 1.0 + 0.5 * k * k;
+            let (mean, covariance) = dense_update(m, p, &h, innovation, variance);
+            assert!((nu[i] - innovation).abs() < 1e-9 && (s[i] / variance - 1.0).abs() < 1e-9);
+            close_mean(&means[i], &mean, "mean");
+            close(&covariances[i], &covariance, "covariance");
+            assert!((rows[i] + 0.5 * (innovation * innovation / variance + variance.ln())).abs() < 1e-9);
+        }
+    }
+}
+
+/// The block moves by the moments of the mixture, which the model states as derivatives.
+#[test]
+fn a_range_that_may_be_late_updates_by_the_mixture() {
+    let mut world = World::new();
+    let (_, _, _, [nu, s]) = world.run(0, &[to_own(1, 75.0)], None);
+    for share in [1e-12, 0.3] {
+        let late = LateArrivals { share, mean_m: 20.0, floor_per_m: 0.0 };
+        world.late = Some(late);
+        let (means, covariances, rows, _) = world.run(0, &[to_own(1, 75.0)], None);
+        for i in 0..COUNT {
+            let (m, p) = (&world.mean[i], world.covariance_of(i));
+            let (de, dn) = (m[0] - world.own[1][i], m[1] - world.own[0][i]);
+            let mut h = DVector::<f64>::zeros(DIM);
+            (h[0], h[1]) = (de / de.hypot(dn), dn / de.hypot(dn));
+            let hp = p * &h;
+            let expected = late.likelihood(nu[i], s[i]);
+            assert!((rows[i] - expected.log_z).abs() < 1e-9);
+            close_mean(&means[i], &(m - &hp * expected.slope), "mean");
+            close(&covariances[i], &(p + &hp * hp.transpose() * expected.curvature), "covariance");
         }
     }
 }
@@ -361,11 +507,12 @@ fn operations_in_one_go_are_operations_one_by_one() {
         speed_mps: 1.1,
         position_m2_per_s: 0.0025,
         walk_per_s: [1e-4, 0.0, 0.0],
+        clock_m2_per_s: 0.0,
     };
     let ops = [
         Op::Predict(step),
         sounding(24.0, 2.0),
-        Op::RangeToBlock { base: BLOCK, range_m: 44.0, variance_m2: 1.0 },
+        to_block(BLOCK, 44.0),
         Op::Predict(step),
         sounding(24.1, 2.0),
     ];

@@ -6,7 +6,7 @@ mod world;
 use std::sync::Arc;
 
 use uwcoop_core::chart::Chart;
-use uwcoop_core::event::Event;
+use uwcoop_core::event::{Event, Payload};
 use uwcoop_core::navigator::team::Team;
 use uwcoop_core::navigator::{Estimate, Navigator, Outcome};
 use world::fleet::*;
@@ -48,7 +48,10 @@ fn who_hears_nobody_is_mpf_without_ranges_bit_for_bit() {
     for act in acts(3, 200) {
         match act {
             Act::Event(event) if event.vehicle == 1 => {
-                assert_eq!(alone.handle(&event).unwrap(), team.handle(&event).unwrap());
+                let outcomes = [alone.handle(&event).unwrap(), team.handle(&event).unwrap()];
+                // Its own depth is of use to who reduces ranges alone.
+                let depth = matches!(event.payload, Payload::Depth { .. });
+                assert!(depth || outcomes[0] == outcomes[1], "{outcomes:?} {event:?}");
                 assert_eq!(bits(&alone.estimate(event.t_ns)), bits(&team.estimate(event.t_ns)));
             }
             Act::Launch { vehicle: 1, tol_ns } => {
@@ -294,4 +297,97 @@ fn a_group_of_one_leaves_ranges_between_teammates_out() {
     for (v, navigator) in fleet.iter().enumerate() {
         assert!(error_m(navigator.as_ref(), v as u16, 150) < 4.0, "vehicle {v}");
     }
+}
+
+fn diagnostic(navigator: &dyn Navigator, name: &str) -> f64 {
+    navigator.diagnostics().iter().find(|(n, _)| *n == name).unwrap_or_else(|| panic!("no {name}")).1
+}
+
+/// The counter of a reported range has two bits. Who lost four packets of a vehicle in a row finds them equal again, while
+/// its block of that vehicle stands four cycles too early.
+#[test]
+fn a_reported_range_to_a_launch_that_was_lost_is_not_taken_for_an_earlier_one() {
+    let mut options = team_options(3, PARTICLES);
+    // Nothing else may keep the wrong range away.
+    options.range_gate_sigmas = f64::INFINITY;
+    options.referee_nat = 0.0;
+    let cycle = 3 * SLOT_S * SECOND;
+    let silent = 150 * SECOND..150 * SECOND + 5 * cycle;
+    let play_with = |lost: bool| {
+        let mut team: Vec<Team<2>> = (0..3).map(|v| team_of(v, options.clone(), Some(rich()))).collect();
+        let mut worst = 0.0f64;
+        for act in acts(3, 240) {
+            match act {
+                Act::Event(event) => _ = team[usize::from(event.vehicle)].handle(&event).unwrap(),
+                Act::Launch { vehicle, tol_ns } => {
+                    let bytes = team[usize::from(vehicle)].transmit(tol_ns, CAPACITY).unwrap().unwrap();
+                    for event in receptions(vehicle, 3, tol_ns, &bytes) {
+                        if lost && vehicle == 2 && event.vehicle == 0 && silent.contains(&tol_ns) {
+                            continue;
+                        }
+                        team[usize::from(event.vehicle)].handle(&event).unwrap();
+                    }
+                    if let Some((at_ns, mean, [ee, _, nn])) =
+                        team[0].teammate(2).filter(|_| tol_ns > 60 * SECOND)
+                    {
+                        let off = distance(mean, track(2, at_ns as f64 / SECOND as f64));
+                        worst = worst.max(off / (1.0 + (ee + nn).sqrt()));
+                    }
+                }
+            }
+        }
+        let counts = team.iter().map(|n| diagnostic(n, "reported_ranges_stale") as u64).collect::<Vec<_>>();
+        (counts, worst)
+    };
+    let (counts, worst) = play_with(false);
+    assert_eq!(counts, [0, 0, 0], "without losses every reported range has its launch");
+    assert!(worst < 4.0, "{worst} sigmas");
+    let (counts, worst) = play_with(true);
+    assert!(counts[0] >= 1 && counts[1..] == [0, 0], "{counts:?}");
+    assert!(worst < 4.0, "{worst} sigmas");
+}
+
+/// Ranges that lie pull a vehicle off; the filter without ranges brings it back.
+#[test]
+fn a_vehicle_that_its_team_led_astray_comes_back() {
+    let final_errors = |referee_nat: f64| {
+        let mut options = team_options(3, PARTICLES);
+        options.range_gate_sigmas = f64::INFINITY;
+        options.terrain.monitor = None;
+        options.referee_nat = referee_nat;
+        let chart = chart_of(middling_depth);
+        let mut team: Vec<Box<dyn Navigator>> = (0..3)
+            .map(|v| Box::new(team_of(v, options.clone(), Some(chart.clone()))) as Box<dyn Navigator>)
+            .collect();
+        for act in acts_over(3, 300, middling_depth) {
+            match act {
+                Act::Event(event) => _ = team[usize::from(event.vehicle)].handle(&event).unwrap(),
+                Act::Launch { vehicle, tol_ns } => {
+                    let bytes = team[usize::from(vehicle)].transmit(tol_ns, CAPACITY).unwrap().unwrap();
+                    for mut event in receptions(vehicle, 3, tol_ns, &bytes) {
+                        let lies = event.vehicle == 1 && (60..150).contains(&(tol_ns / SECOND));
+                        if let uwcoop_core::event::Payload::Reception { toa_ns, .. } = &mut event.payload
+                            && lies
+                        {
+                            // 30 m.
+                            *toa_ns += 20_000_000;
+                        }
+                        team[usize::from(event.vehicle)].handle(&event).unwrap();
+                    }
+                }
+            }
+        }
+        let off = error_m(team[1].as_ref(), 1, 300);
+        (off, if referee_nat > 0.0 { diagnostic(team[1].as_ref(), "referee_takeovers") } else { 0.0 })
+    };
+    let (without, _) = final_errors(0.0);
+    let (with, takeovers) = final_errors(10.0);
+    assert!(takeovers >= 1.0, "nobody took over; {with} m, {without} m without");
+    assert!(with < 5.0, "{with} m with, {without} m without the referee");
+    assert!(without > 2.0 * with, "{with} m with, {without} m without the referee");
+}
+
+/// A fifth of the relief.
+fn middling_depth(east: f64, north: f64) -> f64 {
+    20.0 + 0.2 * (rich_depth(east, north) - 20.0)
 }

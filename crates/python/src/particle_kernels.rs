@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use uwcoop_core::kernels::likelihood::{self, RangeBelief};
 use uwcoop_core::kernels::particles;
 use uwcoop_core::kernels::weights;
+use uwcoop_core::measurement::range::LateArrivals;
 
 use crate::arrays::{Column, Matrix, columns, points, same, symmetric};
 use crate::errors::argument;
@@ -120,6 +121,49 @@ fn range_log_likelihood<'py>(
         (other, _) => return Err(argument(format!("method is {other:?}, not eq17 or gaussian"))),
     }
     Ok(out.into_pyarray(py))
+}
+
+/// A range that may be late: ln Z, and mean and variance of a state with the variance `gain_m2` that the range sees with
+/// coefficient one, each (N,).
+#[pyfunction]
+#[pyo3(signature = (innovation_m, variance_m2, gain_m2, late_share, lateness_m, floor_per_m))]
+#[allow(clippy::type_complexity)]
+fn late_range<'py>(
+    py: Python<'py>,
+    innovation_m: Column<'py>,
+    variance_m2: Column<'py>,
+    gain_m2: Column<'py>,
+    late_share: f64,
+    lateness_m: f64,
+    floor_per_m: f64,
+) -> PyResult<[Bound<'py, PyArray1<f64>>; 3]> {
+    let n = innovation_m.len();
+    same("variance_m2", variance_m2.len(), n)?;
+    same("gain_m2", gain_m2.len(), n)?;
+    let bounds = [
+        ("late_share", late_share, (0.0..=1.0).contains(&late_share), "0 to 1"),
+        ("lateness_m", lateness_m, lateness_m.is_finite() && lateness_m > 0.0, "above 0"),
+        ("floor_per_m", floor_per_m, floor_per_m.is_finite() && floor_per_m >= 0.0, "0 or more"),
+    ];
+    for (name, value, good, bound) in bounds {
+        if !good {
+            return Err(argument(format!("{name} is {value}, outside {bound}")));
+        }
+    }
+    let model = LateArrivals { share: late_share, mean_m: lateness_m, floor_per_m };
+    let mut out = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
+    let columns = (innovation_m.as_array(), variance_m2.as_array(), gain_m2.as_array());
+    for i in 0..n {
+        let (innovation, variance, gain) = (columns.0[i], columns.1[i], columns.2[i]);
+        if !(variance > 0.0 && variance.is_finite()) {
+            return Err(argument(format!("variance_m2 is {variance}, outside above 0")));
+        }
+        let said = model.likelihood(innovation, variance);
+        out[0][i] = said.log_z;
+        out[1][i] = -gain * said.slope;
+        out[2][i] = gain + gain * gain * said.curvature;
+    }
+    Ok(out.map(|column| column.into_pyarray(py)))
 }
 
 /// Normalised weights of log-weights, (N,).
@@ -262,6 +306,7 @@ fn kernel_entropy(weights: Column<'_>, positions_m: Matrix<'_>, sigma_m: f64) ->
 pub fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(propagate, module)?)?;
     module.add_function(wrap_pyfunction!(range_log_likelihood, module)?)?;
+    module.add_function(wrap_pyfunction!(late_range, module)?)?;
     module.add_function(wrap_pyfunction!(normalize, module)?)?;
     module.add_function(wrap_pyfunction!(residual_resample, module)?)?;
     module.add_function(wrap_pyfunction!(roughen, module)?)?;

@@ -231,16 +231,33 @@ class _World:
         )
         return survival(self.acoustics, signals, self.names, self.seed)
 
-    def timing_error_s(self, sender: int, receiver: int, count: int) -> Array:
+    def timing_error_s(self, sender: int, receiver: int, launch_s: Array) -> Array:
         """Noise of the measured travel times, and late arrivals by longer ways, seconds, (K,)."""
+        count = launch_s.size
         speed = sound_speed_between_mps(self.acoustics, self.seed, np.zeros(1), np.zeros(1))[0]
         noise = stream(self.seed, sender, Purpose.RANGE, receiver).standard_normal(count)
         error = noise * self.acoustics.range_sigma_m / speed
         share = self.acoustics.range_outlier_share
         if share > 0:
-            luck, size = stream(self.seed, sender, Purpose.RANGE_OUTLIER, receiver).random((count, 2)).T
+            luck, size = self._longer_ways(sender, receiver, launch_s)
             error += np.where(luck < share, self.acoustics.range_outlier_m.quantile(size), 0.0) / speed
         return np.asarray(error)
+
+    def _longer_ways(self, sender: int, receiver: int, launch_s: Array) -> tuple[Array, Array]:
+        """Uniform draws for each signal: whether there is a longer way, and how long it is.
+
+        A geometry that holds is that of the pair, whoever of both sends, and changes at times of its own."""
+        hold_s = self.acoustics.range_outlier_hold_s
+        if hold_s == 0:
+            luck, size = (
+                stream(self.seed, sender, Purpose.RANGE_OUTLIER, receiver).random((launch_s.size, 2)).T
+            )
+            return luck, size
+        first, second = sorted((sender, receiver))
+        draw = stream(self.seed, first, Purpose.RANGE_OUTLIER, second)
+        place = np.floor(np.maximum(launch_s, 0.0) / hold_s + draw.random()).astype(np.int64)
+        luck, size = draw.random((int(place.max(initial=0)) + 1, 2))[place].T
+        return luck, size
 
 
 def _pair(
@@ -249,7 +266,7 @@ def _pair(
     """One-way opportunities of one ordered pair, and the error in their times."""
     sender = int(packets.sender[mine[0]])
     tol_ns = slots["tol_ns"][mine]
-    error_s = world.timing_error_s(sender, receiver, mine.size)
+    error_s = world.timing_error_s(sender, receiver, packets.start_s[mine])
     measured_s = world.clocks[receiver].reading(arrival_s) + error_s
     draws = stream(world.seed, sender, Purpose.LOSS, receiver).random((world.link.max_frames, mine.size)).T
     return {

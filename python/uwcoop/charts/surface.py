@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 _MOST_STEPS = 1000
-_ON_EDGE = 1e-9
+_ON_EDGE = 100 * float(np.finfo(np.float64).eps)
 
 
 def medians(east: Values, north: Values, depth: Values, cell_m: float) -> Triples:

@@ -121,6 +121,8 @@ def options_of(name: str, setup: MissionSetup | None = None) -> Options:
     implied = {key: value for key, value in common.items() if key in known and key not in spec.fixed}
     own = dict(setup.navigator.own.get(name, {}))
     implied = _implied_by_setup(spec, setup, {**implied, **own}) | implied
+    if "clock" in known and "clock" in own and setup.acoustics is not None:
+        own["clock"] = options.clock_of(setup.acoustics) | dict(own["clock"])
     for option, value in spec.fixed.items():
         if own.get(option, value) != value:
             raise NavigatorError(
@@ -143,6 +145,8 @@ def _implied_by_setup(spec: Spec, setup: MissionSetup, stated: Mapping[str, Any]
         found["entropy_sigma_m"] = setup.diagnostics.entropy_sigma_m
     if setup.acoustics is not None and "packet_form" in known:
         found["packet_form"] = setup.acoustics.packet
+    if setup.acoustics is not None and "clock" in known:
+        found["clock"] = options.clock_of(setup.acoustics) | dict(stated.get("clock", {}))
     # A packet that is laid out for its frame keeps the tag's room.
     tags = setup.authentication.tag_bytes
     if tags and "tag_bytes" in known:

@@ -6,15 +6,12 @@ use super::{BoundModel, Observation, TrueTracks};
 use crate::chart::Chart;
 use crate::event::seconds;
 use crate::kernels::particles::displacement_map;
+use crate::measurement::{fix, range, sounding};
 
 /// Position and datum offset come before the linear states.
 const BEFORE_LINEAR: usize = 3;
 /// The offset's place.
 const OFFSET: usize = 2;
-/// No fix is better than a decimetre per axis, m²; as the navigators take it.
-const FIX_FLOOR_M2: f64 = 0.01;
-/// A vehicle that hardly moves hears the same chart error again and again.
-const MOST_SHARED: f64 = 1e6;
 
 /// The joint covariance of the team, and what the next measurement's Jacobian depends on.
 pub(super) struct Recursion<'a, const K: usize> {
@@ -210,7 +207,7 @@ impl<'a, const K: usize> Recursion<'a, K> {
             return;
         }
         // Two measurements whose errors are independent: the easting, and the northing less what follows from it.
-        let (ee, nn) = (ee.max(FIX_FLOOR_M2), nn.max(FIX_FLOOR_M2));
+        let [ee, en, nn] = fix::floored([ee, en, nn]);
         let slope = en / ee;
         self.measure(&vec![(first, 1.0)], ee);
         let rest = (nn - slope * en).max(1e-9 * nn);
@@ -233,8 +230,8 @@ impl<'a, const K: usize> Recursion<'a, K> {
         let Some((gradient, beside_plane_m2)) = slope else { return };
         self.sounded_at_m[vehicle] = Some(travelled_m);
         let correlation_m = self.model.correlation_length_m.unwrap_or(chart.correlation_length_m());
-        let shared = apart_m.map_or(1.0, |d| (2.0 * correlation_m / d.max(1e-9)).clamp(1.0, MOST_SHARED));
-        let sigma_m = self.model.sigma_depth_m.unwrap_or(sensor_sigma_m).max(1e-3);
+        let shared = sounding::sharing_error(correlation_m, apart_m);
+        let sigma_m = self.model.sigma_depth_m.unwrap_or(sensor_sigma_m).max(sounding::LEAST_SIGMA_M);
         let sigma_map_m = self.model.sigma_map_m.unwrap_or_else(|| chart.sigma_map_at(east, north));
         let noise_m2 = shared * (sigma_m.powi(2) + sigma_map_m.powi(2)) + beside_plane_m2;
         let first = vehicle * Self::STATES;
@@ -250,13 +247,13 @@ impl<'a, const K: usize> Recursion<'a, K> {
             return;
         }
         let (from, to) = (self.truth.position(sender, tol_ns), self.truth.position(receiver, toa_ns));
-        let (east, north) = (to[0] - from[0], to[1] - from[1]);
-        let distance = east.hypot(north);
-        if distance <= 0.0 {
+        let between = [to[0] - from[0], to[1] - from[1]];
+        if between == [0.0; 2] {
             return;
         }
-        let unit = [east / distance, north / distance];
         let (s, r) = (sender * Self::STATES, receiver * Self::STATES);
+        let expected = range::expected(between, self.relative_covariance(s, r));
+        let unit = expected.direction;
         let travel_s = seconds(toa_ns.saturating_sub(tol_ns)).max(0.0);
         let map = displacement_map::<K>(self.velocity_mps[sender], travel_s);
         let mut jacobian: Jacobian = vec![(r, unit[0]), (r + 1, unit[1]), (s, -unit[0]), (s + 1, -unit[1])];
@@ -269,24 +266,16 @@ impl<'a, const K: usize> Recursion<'a, K> {
         }
         let mut noise_m2 = self.model.sigma_range_m.powi(2);
         if self.model.linearised {
-            noise_m2 += self.curvature_m(s, r, unit, distance).powi(2) / 2.0;
+            noise_m2 += expected.curvature_m2();
         }
         self.measure(&jacobian, noise_m2);
     }
 
-    /// κ of a range: the variance across it, over its length.
-    fn curvature_m(&self, s: usize, r: usize, [ue, un]: [f64; 2], distance: f64) -> f64 {
-        let across = [-un, ue];
+    /// Covariance [ee, en, nn] of two vehicles' relative position.
+    fn relative_covariance(&self, s: usize, r: usize) -> [f64; 3] {
         let p = &self.covariance;
-        let mut variance = 0.0;
-        for a in 0..2 {
-            for b in 0..2 {
-                let relative = p[(r + a, r + b)] + p[(s + a, s + b)] - p[(r + a, s + b)] - p[(s + a, r + b)];
-                variance += across[a] * across[b] * relative;
-            }
-        }
-        let variance = variance.max(0.0);
-        variance / distance.max(variance.sqrt())
+        [(0, 0), (0, 1), (1, 1)]
+            .map(|(a, b)| p[(r + a, r + b)] + p[(s + a, s + b)] - p[(r + a, s + b)] - p[(s + a, r + b)])
     }
 
     /// P ← P − P Hᵀ H P / (H P Hᵀ + R).
@@ -326,11 +315,8 @@ impl<'a, const K: usize> Recursion<'a, K> {
 /// An outer point without a depth is taken to continue its opposite through the centre; none at the centre: no sounding.
 fn spread_slope(chart: &Chart, [east, north]: [f64; 2], [ee, en, nn]: [f64; 3]) -> Option<([f64; 2], f64)> {
     let centre = chart.depth_at(east, north)?;
-    // Cholesky's factor, with a millimetre for a position that is known exactly.
-    let l11 = ee.max(1e-6).sqrt();
-    let l21 = en / l11;
-    let l22 = (nn - l21 * l21).max(1e-6).sqrt();
-    let root3 = 3.0f64.sqrt();
+    let factor = sounding::position_factor([ee, en, nn]);
+    let [l11, l21, l22] = factor.map(|l| sounding::OUTER * l);
     let pair = |de: f64, dn: f64| {
         let (ahead, behind) = (chart.depth_at(east + de, north + dn), chart.depth_at(east - de, north - dn));
         match (ahead, behind) {
@@ -340,14 +326,8 @@ fn spread_slope(chart: &Chart, [east, north]: [f64; 2], [ee, en, nn]: [f64; 3]) 
             (None, None) => (centre, centre),
         }
     };
-    let (h1, h2) = pair(root3 * l11, root3 * l21);
-    let (h3, h4) = pair(0.0, root3 * l22);
-    let mean = centre / 3.0 + (h1 + h2 + h3 + h4) / 6.0;
-    let (d1, d2) = ((h1 - h2) / (2.0 * root3), (h3 - h4) / (2.0 * root3));
-    let gradient_n = d2 / l22;
-    let gradient_e = (d1 - gradient_n * l21) / l11;
-    let square = |h: f64| (h - mean) * (h - mean);
-    let beside =
-        square(centre) / 3.0 + (square(h1) + square(h2) + square(h3) + square(h4)) / 6.0 - d1 * d1 - d2 * d2;
-    Some(([gradient_e, gradient_n], beside.max(0.0)))
+    let (h1, h2) = pair(l11, l21);
+    let (h3, h4) = pair(0.0, l22);
+    let plane = sounding::plane([centre, h1, h2, h3, h4], factor);
+    Some((plane.gradient, plane.residual_m2.max(0.0)))
 }

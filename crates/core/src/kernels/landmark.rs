@@ -2,16 +2,7 @@
 
 use super::dispatch;
 use super::math::cos_sin_turns;
-
-const ROUND: f64 = 6_755_399_441_055_744.0;
-
-/// An angle in [−π, π], by a rounding that vectorises.
-#[inline(always)]
-#[must_use]
-pub fn wrap_fast(angle: f64) -> f64 {
-    let turns = angle * (1.0 / std::f64::consts::TAU);
-    angle - ((turns + ROUND) - ROUND) * std::f64::consts::TAU
-}
+use crate::measurement::angle::wrap_fast;
 
 /// (cos, sin) of an angle in [−π, π].
 #[inline(always)]

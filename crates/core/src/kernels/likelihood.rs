@@ -4,6 +4,8 @@ use super::dispatch;
 use super::lookup::{Grid, Node, Paired, bilinear};
 use super::math::ln;
 use super::pattern::{Block, LANES, Pattern, pattern_blocks};
+use crate::measurement::range::{self, LateArrivals};
+use crate::measurement::sounding;
 
 /// Depth differences along a rigid segment (15), exact f64 path.
 ///
@@ -99,7 +101,7 @@ impl Block for Differences<'_> {
 
 /// Second-order Gaussian range likelihood from a teammate's belief (mean, [ee, en, nn]) and a horizontal range.
 ///
-/// With u radial, v tangential, d the distance: k = vᵀPv/d, V = σ_R² + uᵀPu + k²/2, −½(R − d − k/2)²/V − ½ ln V.
+/// With u the line of sight and d, κ of [`range::expected`]: V = σ_R² + uᵀPu + κ²/2, −½(R − d − κ/2)²/V − ½ ln V.
 #[derive(Debug, Clone, Copy)]
 pub struct RangeBelief {
     /// Mean of the teammate's position, m.
@@ -117,15 +119,10 @@ impl RangeBelief {
     #[inline(always)]
     #[must_use]
     pub fn innovation(&self, east: f64, north: f64) -> (f64, f64) {
-        let (de, dn) = (east - self.mean_m[0], north - self.mean_m[1]);
-        let d = (de * de + dn * dn).sqrt();
-        let d = if d > 1e-9 { d } else { 1e-9 };
-        let (ue, un) = (de / d, dn / d);
-        let [ee, en, nn] = self.covariance_m2;
-        let radial = ue * ue * ee + 2.0 * ue * un * en + un * un * nn;
-        let tangential = un * un * ee - 2.0 * ue * un * en + ue * ue * nn;
-        let k = tangential / d;
-        (self.range_m - d - 0.5 * k, self.sigma_m * self.sigma_m + radial + 0.5 * k * k)
+        let expected = range::expected([east - self.mean_m[0], north - self.mean_m[1]], self.covariance_m2);
+        let radial = range::along(expected.direction, self.covariance_m2);
+        let variance = self.sigma_m * self.sigma_m + radial + expected.curvature_m2();
+        (expected.innovation(self.range_m), variance)
     }
 }
 
@@ -135,6 +132,23 @@ dispatch! {
         for ((&e, &n), out) in east.iter().zip(north).zip(out) {
             let (innovation, variance) = belief.innovation(e, n);
             *out -= temper * 0.5 * (innovation * innovation / variance + ln(variance));
+        }
+    }
+}
+
+dispatch! {
+    /// Adds `temper` × the log-likelihood of a range that may be late to `out`.
+    pub fn add_range_late(
+        belief: &RangeBelief,
+        late: &LateArrivals,
+        temper: f64,
+        east: &[f64],
+        north: &[f64],
+        out: &mut [f64],
+    ) {
+        for ((&e, &n), out) in east.iter().zip(north).zip(out) {
+            let (innovation, variance) = belief.innovation(e, n);
+            *out += temper * late.likelihood(innovation, variance).log_z;
         }
     }
 }
@@ -213,16 +227,10 @@ impl OffsetModel {
     #[must_use]
     pub fn update(&self, innovation: f64, offset_variance: f64, sigma_map_m: f64) -> (f64, f64, f64) {
         let noise = self.sigma_m * self.sigma_m + sigma_map_m * sigma_map_m;
-        let s = offset_variance + noise;
         let squared = innovation * innovation;
-        // Both forms are computed and one is selected: the choice is common to all particles.
-        let gaussian = self.dof == f64::INFINITY;
-        let dof = if gaussian { 1.0 } else { self.dof };
-        let tails = 0.5 * (dof + 1.0) * ln(1.0 + squared / (dof * s));
-        let log_likelihood = -(if gaussian { 0.5 * squared / s } else { tails }) - 0.5 * ln(s);
+        let log_likelihood = sounding::log_likelihood(squared, offset_variance + noise, self.dof);
         let r = self.shared * noise;
-        let heavy = (dof + squared / (offset_variance + r)) / (dof + 1.0);
-        let inflation = if gaussian || heavy < 1.0 { 1.0 } else { heavy };
+        let inflation = sounding::inflation(squared, offset_variance + r, self.dof);
         let gain = offset_variance / (offset_variance + inflation * r);
         (log_likelihood / self.shared, gain * innovation, offset_variance * (1.0 - gain))
     }

@@ -4,107 +4,33 @@
 //! triangle, one column of N for each element. A teammate's block is
 //!
 //! ```text
-//! base + 0 1 2 3   4   5       6
-//!        e n b c_e c_n heading thrust
+//! base + 0 1 2 3   4   5       6      7 8
+//!        e n b c_e c_n heading thrust β β̇
 //! ```
+//!
+//! The last two, the clock difference as a range in m and its rate in m/s, are there where clocks may differ
+//! ([`BlockLayout`]); before all blocks stands s, the scale error of the sound speed, where that may be off.
 //!
 //! A packet becomes a list of [`Op`]s that is run for [`LANES`] particles at a time: their joint Gaussian stays in the
 //! first-level cache from the first prediction to the last range.
 
+mod operations;
+
+pub use operations::{BLOCK, BlockLayout, Op, Prediction, RangeOp, packed, packed_len};
+
 use super::dispatch;
 use super::lookup::{Grid, Paired};
 use super::math::ln;
+use crate::measurement::range::{self as range_model, LateArrivals};
+use crate::measurement::sounding as sounding_model;
 
 /// Particles that are worked on together.
 pub const LANES: usize = 8;
-/// States of one teammate.
-pub const BLOCK: usize = 7;
-
 const E: usize = 0;
 const N: usize = 1;
 const B: usize = 2;
 
 type Lane = [f64; LANES];
-
-/// Elements of a packed lower triangle of `d` rows.
-#[must_use]
-pub const fn packed_len(d: usize) -> usize {
-    d * (d + 1) / 2
-}
-
-/// Place of (row, column) in a packed lower triangle; either order.
-#[inline(always)]
-#[must_use]
-pub const fn packed(r: usize, c: usize) -> usize {
-    if r >= c { packed_len(r) + c } else { packed_len(c) + r }
-}
-
-/// One block moves on by `dt_s`: position += displacement + F [c, heading, thrust].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Prediction {
-    /// Commanded displacement, m.
-    pub displacement_m: [f64; 2],
-    /// Length of the step, s.
-    pub dt_s: f64,
-    /// Commanded speed, m/s: over it the displacement is what a metre per second of thrust bias adds. Below 5 cm/s a
-    /// bias has no direction.
-    pub speed_mps: f64,
-    /// White noise of the position per axis, m²/s.
-    pub position_m2_per_s: f64,
-    /// Walks of current (each axis), heading bias and thrust bias, per second.
-    pub walk_per_s: [f64; 3],
-}
-
-/// One thing that a packet says about the sender's block, in the order of time.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Op {
-    /// Time passes.
-    Predict(Prediction),
-    /// A sounding of the sender.
-    Sounding {
-        /// m.
-        water_depth_m: f64,
-        /// Variance of sounding and rounding, m².
-        noise_m2: f64,
-        /// Walk of the datum offset, m².
-        walk_m2: f64,
-        /// Soundings that share one chart error, n_c ≥ 1.
-        shared: f64,
-    },
-    /// A position fix of the sender.
-    Fix {
-        /// m.
-        position_m: [f64; 2],
-        /// Variance per axis, m².
-        variance_m2: f64,
-    },
-    /// A range between the sender and where this vehicle was: `own` chooses the columns of [`Own`].
-    RangeToOwn {
-        /// Which of the two instants.
-        own: usize,
-        /// m.
-        range_m: f64,
-        /// m².
-        variance_m2: f64,
-    },
-    /// A range between the sender's block and another.
-    RangeToBlock {
-        /// First state of the other block.
-        base: usize,
-        /// m.
-        range_m: f64,
-        /// m².
-        variance_m2: f64,
-    },
-}
-
-impl Op {
-    /// Whether it has a likelihood.
-    #[must_use]
-    pub fn weighs(&self) -> bool {
-        !matches!(self, Self::Predict(_))
-    }
-}
 
 /// Standard deviation of the chart's error under a block.
 #[derive(Debug, Clone, Copy)]
@@ -160,6 +86,8 @@ pub struct Joints<'a> {
 pub struct BlockUpdates<'a> {
     /// First state of the sender's block.
     pub base: usize,
+    /// Which states there are.
+    pub layout: BlockLayout,
     /// In the order of time.
     pub ops: &'a [Op],
     /// None: soundings have no likelihood and change nothing.
@@ -168,13 +96,15 @@ pub struct BlockUpdates<'a> {
     pub own: Own<'a>,
     /// What each particle says of the current that the sender shares, [east, north] columns, m/s.
     pub current: Option<[&'a [f64]; 2]>,
+    /// Ranges that may come late; none: all are Gaussian.
+    pub late: Option<LateArrivals>,
 }
 
 dispatch! {
     /// Runs a packet's operations for every particle.
     ///
     /// `log_likelihood` gets one column of N for each operation that weighs, in their order; NaN where a particle has
-    /// no chart. `innovation` gets [innovation, its variance] of the last operation that weighs.
+    /// no chart. `innovation` gets as many columns of innovations, and of their variances.
     pub fn run(
         updates: &BlockUpdates<'_>,
         joints: &mut Joints<'_>,
@@ -214,6 +144,9 @@ dispatch! {
                         add_scaled(&mut m[updates.base + E], step.dt_s, &current[0]);
                         add_scaled(&mut m[updates.base + N], step.dt_s, &current[1]);
                         predict(m, p, updates.base, &step);
+                        if let Some(clock) = updates.layout.clock_of(updates.base) {
+                            predict_clock(m, p, clock, &step);
+                        }
                         continue;
                     }
                     Op::Sounding { water_depth_m, noise_m2, walk_m2, shared } => match &updates.terrain {
@@ -225,20 +158,21 @@ dispatch! {
                     Op::Fix { position_m, variance_m2 } => {
                         fix(m, p, hp, updates.base, position_m, variance_m2)
                     }
-                    Op::RangeToOwn { own, range_m, variance_m2 } => {
+                    Op::RangeToOwn { own, clock_sign, range: measured } => {
                         let [east, north] = updates.own.at[own & 1];
                         let mut at = [[0.0; LANES]; 2];
                         load(&mut at[0], east, first, count);
                         load(&mut at[1], north, first, count);
-                        range(m, p, hp, updates.base, RangeTarget::Point(at), range_m, variance_m2)
+                        range(m, p, hp, updates, RangeTarget::Point(at, clock_sign), measured)
                     }
-                    Op::RangeToBlock { base, range_m, variance_m2 } => {
-                        range(m, p, hp, updates.base, RangeTarget::Block(base), range_m, variance_m2)
+                    Op::RangeToBlock { base, range: measured } => {
+                        range(m, p, hp, updates, RangeTarget::Block(base), measured)
                     }
                 };
-                store(&ll, &mut log_likelihood[row * n..(row + 1) * n], first, count);
-                store(&nu, innovation[0], first, count);
-                store(&s, innovation[1], first, count);
+                let column = row * n..(row + 1) * n;
+                store(&ll, &mut log_likelihood[column.clone()], first, count);
+                store(&nu, &mut innovation[0][column.clone()], first, count);
+                store(&s, &mut innovation[1][column], first, count);
                 row += 1;
             }
             for (k, m) in m.iter().enumerate() {
@@ -337,6 +271,24 @@ fn predict(m: &mut [Lane], p: &mut [Lane], base: usize, step: &Prediction) {
     p[packed(n, n)] = nn;
 }
 
+/// β += Δt β̇ with its covariance; the clock's own walk.
+#[inline(always)]
+fn predict_clock(m: &mut [Lane], p: &mut [Lane], clock: usize, step: &Prediction) {
+    let (dt, rate) = (step.dt_s, clock + 1);
+    let by = m[rate];
+    add_scaled(&mut m[clock], dt, &by);
+    let old = p[packed(clock, rate)];
+    for j in (0..m.len()).filter(|j| *j != clock) {
+        let coupled = p[packed(rate, j)];
+        add_scaled(&mut p[packed(clock, j)], dt, &coupled);
+    }
+    let new = p[packed(clock, rate)];
+    let variance = &mut p[packed(clock, clock)];
+    for l in 0..LANES {
+        variance[l] += dt * (old[l] + new[l] + step.clock_m2_per_s);
+    }
+}
+
 /// m += hp ν/s, P −= hp hpᵀ/s, with hp = P Hᵀ; `inverse` is 1/s, 0 where nothing is to change.
 #[inline(always)]
 fn update(m: &mut [Lane], p: &mut [Lane], hp: &[Lane], innovation: &Lane, inverse: &Lane) {
@@ -369,7 +321,6 @@ fn sounding(
     walk_m2: f64,
     shared: f64,
 ) -> (Lane, Lane, Lane) {
-    const ROOT_3: f64 = 1.732_050_807_568_877_2;
     let (e, n, b) = (base + E, base + N, base + B);
     let (me, mn, mb) = (m[e], m[n], m[b]);
     for l in 0..LANES {
@@ -377,18 +328,14 @@ fn sounding(
     }
     let (mut l11, mut l21, mut l22) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
-        let (ee, en, nn) = (p[packed(e, e)][l], p[packed(n, e)][l], p[packed(n, n)][l]);
-        // A millimetre keeps the quotients defined.
-        l11[l] = (if ee > 1e-6 { ee } else { 1e-6 }).sqrt();
-        l21[l] = en / l11[l];
-        let rest = nn - l21[l] * l21[l];
-        l22[l] = (if rest > 1e-6 { rest } else { 1e-6 }).sqrt();
+        [l11[l], l21[l], l22[l]] =
+            sounding_model::position_factor([p[packed(e, e)][l], p[packed(n, e)][l], p[packed(n, n)][l]]);
     }
     let shifted = |se: f64, sn: f64| {
         let (mut x, mut y) = (me, mn);
         for l in 0..LANES {
-            x[l] += ROOT_3 * se * l11[l];
-            y[l] += ROOT_3 * (se * l21[l] + sn * l22[l]);
+            x[l] += sounding_model::OUTER * se * l11[l];
+            y[l] += sounding_model::OUTER * (se * l21[l] + sn * l22[l]);
         }
         depths(&terrain.filled, &x, &y)
     };
@@ -399,22 +346,14 @@ fn sounding(
     let (mut nu, mut rho, mut known) = ([0.0; LANES], [0.0; LANES], [false; LANES]);
     let (mut ge, mut gn) = ([0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
-        let mean = h0[l] / 3.0 + (h1[l] + h2[l] + h3[l] + h4[l]) / 6.0;
-        let (d1, d2) = ((h1[l] - h2[l]) / (2.0 * ROOT_3), (h3[l] - h4[l]) / (2.0 * ROOT_3));
-        let square = |h: f64| (h - mean) * (h - mean);
-        let residual = square(h0[l]) / 3.0
-            + (square(h1[l]) + square(h2[l]) + square(h3[l]) + square(h4[l])) / 6.0
-            - d1 * d1
-            - d2 * d2;
-        let on_chart = !mean.is_nan();
+        let plane = sounding_model::plane([h0[l], h1[l], h2[l], h3[l], h4[l]], [l11[l], l21[l], l22[l]]);
+        let on_chart = !plane.mean_m.is_nan();
         known[l] = on_chart;
-        let north = d2 / l22[l];
-        let east = (d1 - north * l21[l]) / l11[l];
-        let innovation = water_depth_m - mean - mb[l];
+        let innovation = water_depth_m - plane.mean_m - mb[l];
         nu[l] = if on_chart { innovation } else { 0.0 };
-        rho[l] = if residual > 0.0 { residual } else { 0.0 };
-        gn[l] = if on_chart { north } else { 0.0 };
-        ge[l] = if on_chart { east } else { 0.0 };
+        rho[l] = if plane.residual_m2 > 0.0 { plane.residual_m2 } else { 0.0 };
+        ge[l] = if on_chart { plane.gradient[0] } else { 0.0 };
+        gn[l] = if on_chart { plane.gradient[1] } else { 0.0 };
     }
     for (r, hp) in hp.iter_mut().enumerate() {
         let (pe, pn, pb) = (&p[packed(r, e)], &p[packed(r, n)], &p[packed(r, b)]);
@@ -422,20 +361,16 @@ fn sounding(
             hp[l] = ge[l] * pe[l] + gn[l] * pn[l] + pb[l];
         }
     }
-    let gaussian = terrain.dof == f64::INFINITY;
-    let dof = if gaussian { 1.0 } else { terrain.dof };
     let (mut ll, mut s_out, mut inverse) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
     for l in 0..LANES {
         let spread = ge[l] * hp[e][l] + gn[l] * hp[n][l] + hp[b][l];
         let noise = noise_m2 + sigma[l] * sigma[l];
         let s = spread + noise + rho[l];
         let square = nu[l] * nu[l];
-        let tails = 0.5 * (dof + 1.0) * ln(1.0 + square / (dof * s));
-        let value = -(if gaussian { 0.5 * square / s } else { tails }) - 0.5 * ln(s);
+        let value = sounding_model::log_likelihood(square, s, terrain.dof);
         ll[l] = if known[l] { value / shared } else { f64::NAN };
         let r = shared * noise + rho[l];
-        let heavy = (dof + square / (spread + r)) / (dof + 1.0);
-        let inflation = if gaussian || heavy < 1.0 { 1.0 } else { heavy };
+        let inflation = sounding_model::inflation(square, spread + r, terrain.dof);
         inverse[l] = if known[l] { 1.0 / (spread + inflation * r) } else { 0.0 };
         s_out[l] = s;
     }
@@ -471,9 +406,9 @@ fn fix(
     (ll, nu, s)
 }
 
-/// The other end of a range.
+/// The other end of a range: own positions with the sign of β, or another block.
 enum RangeTarget {
-    Point([Lane; 2]),
+    Point([Lane; 2], f64),
     Block(usize),
 }
 
@@ -483,14 +418,14 @@ fn range(
     m: &mut [Lane],
     p: &mut [Lane],
     hp: &mut [Lane],
-    base: usize,
+    updates: &BlockUpdates<'_>,
     target: RangeTarget,
-    range_m: f64,
-    variance_m2: f64,
+    RangeOp { range_m, variance_m2 }: RangeOp,
 ) -> (Lane, Lane, Lane) {
+    let (base, layout) = (updates.base, updates.layout);
     let (e, n) = (base + E, base + N);
     let (at, a) = match target {
-        RangeTarget::Point(at) => (at, [p[packed(e, e)], p[packed(n, e)], p[packed(n, n)]]),
+        RangeTarget::Point(at, _) => (at, [p[packed(e, e)], p[packed(n, e)], p[packed(n, n)]]),
         RangeTarget::Block(other) => {
             let (oe, on) = (other + E, other + N);
             let mut a = [[0.0; LANES]; 3];
@@ -504,18 +439,35 @@ fn range(
         }
     };
     let (mut ue, mut un, mut nu, mut s) = ([0.0; LANES], [0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    let mut length = [0.0; LANES];
     for l in 0..LANES {
-        let (de, dn) = (m[e][l] - at[0][l], m[n][l] - at[1][l]);
-        let d = (de * de + dn * dn).sqrt();
-        let d = if d > 1e-9 { d } else { 1e-9 };
-        (ue[l], un[l]) = (de / d, dn / d);
-        let (ee, en, nn) = (a[0][l], a[1][l], a[2][l]);
-        let across = un[l] * un[l] * ee - 2.0 * ue[l] * un[l] * en + ue[l] * ue[l] * nn;
-        let across = if across > 0.0 { across } else { 0.0 };
-        let root = across.sqrt();
-        let curvature = across / if d > root { d } else { root };
-        nu[l] = range_m - d - 0.5 * curvature;
-        s[l] = variance_m2 + 0.5 * curvature * curvature;
+        let relative = [m[e][l] - at[0][l], m[n][l] - at[1][l]];
+        let expected = range_model::expected(relative, [a[0][l], a[1][l], a[2][l]]);
+        [ue[l], un[l]] = expected.direction;
+        nu[l] = expected.innovation(range_m);
+        s[l] = variance_m2 + expected.curvature_m2();
+        length[l] = expected.distance_m + 0.5 * expected.curvature_m;
+    }
+    // (1 + s) D, which a scale error lengthens.
+    if layout.scale {
+        for l in 0..LANES {
+            let scale = m[0][l];
+            nu[l] -= scale * length[l];
+            ue[l] *= 1.0 + scale;
+            un[l] *= 1.0 + scale;
+        }
+    }
+    // States that a range sees with a constant: the clock differences of its two ends.
+    let mut clocks = [None, None];
+    if let Some(clock) = layout.clock_of(base) {
+        clocks = match target {
+            RangeTarget::Point(_, sign) => [Some((clock, sign)), None],
+            RangeTarget::Block(other) => [Some((clock, -1.0)), Some((other + BLOCK, 1.0))],
+        };
+    }
+    for (clock, sign) in clocks.into_iter().flatten() {
+        let beta = m[clock];
+        add_scaled(&mut nu, -sign, &beta);
     }
     for (r, hp) in hp.iter_mut().enumerate() {
         let (pe, pn) = (&p[packed(r, e)], &p[packed(r, n)]);
@@ -528,6 +480,15 @@ fn range(
                 hp[l] -= ue[l] * pe[l] + un[l] * pn[l];
             }
         }
+        if layout.scale {
+            let scale = &p[packed(r, 0)];
+            for l in 0..LANES {
+                hp[l] += length[l] * scale[l];
+            }
+        }
+        for (clock, sign) in clocks.into_iter().flatten() {
+            add_scaled(hp, sign, &p[packed(r, clock)]);
+        }
     }
     let mut spread = [0.0; LANES];
     for l in 0..LANES {
@@ -538,14 +499,55 @@ fn range(
             spread[l] -= ue[l] * hp[other + E][l] + un[l] * hp[other + N][l];
         }
     }
-    let (mut ll, mut inverse) = ([0.0; LANES], [0.0; LANES]);
+    if layout.scale {
+        for l in 0..LANES {
+            spread[l] += length[l] * hp[0][l];
+        }
+    }
+    for (clock, sign) in clocks.into_iter().flatten() {
+        add_scaled(&mut spread, sign, &hp[clock]);
+    }
     for l in 0..LANES {
         s[l] += if spread[l] > 0.0 { spread[l] } else { 0.0 };
+    }
+    if let Some(late) = &updates.late {
+        let ll = late_update(m, p, hp, late, &nu, &s);
+        return (ll, nu, s);
+    }
+    let (mut ll, mut inverse) = ([0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
         inverse[l] = 1.0 / s[l];
         ll[l] = -0.5 * (nu[l] * nu[l] * inverse[l] + ln(s[l]));
     }
     update(m, p, hp, &nu, &inverse);
     (ll, nu, s)
+}
+
+/// A range that may be late: m −= hp g, P += hp hpᵀ g₂ with g, g₂ the derivatives of ln Z.
+#[inline(always)]
+fn late_update(
+    m: &mut [Lane],
+    p: &mut [Lane],
+    hp: &[Lane],
+    late: &LateArrivals,
+    nu: &Lane,
+    s: &Lane,
+) -> Lane {
+    let (mut ll, mut slope, mut inverse) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+    for l in 0..LANES {
+        let likelihood = late.likelihood(nu[l], s[l]);
+        ll[l] = likelihood.log_z;
+        slope[l] = likelihood.slope;
+        inverse[l] = -likelihood.curvature;
+    }
+    for (m, hp) in m.iter_mut().zip(hp) {
+        for l in 0..LANES {
+            m[l] -= hp[l] * slope[l];
+        }
+    }
+    // The mean has moved; what is left is the covariance.
+    update(m, p, hp, &[0.0; LANES], &inverse);
+    ll
 }
 
 /// Bilinear depths; NaN off the grid or where one of the four nodes is a hole.

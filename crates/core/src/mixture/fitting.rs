@@ -1,11 +1,12 @@
 //! Expectation–maximisation with k-means++ starts on weighted points whose coordinates may wrap.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 use nalgebra::{SMatrix, SVector};
 
 use super::Mode;
 use crate::kernels::mixture::{mode_log_density, mode_sums, responsibilities};
+use crate::measurement::angle::wrap;
 use crate::random::Stream;
 
 /// Which coordinates are angles (radians); the others are lengths.
@@ -63,11 +64,6 @@ pub fn centre<const D: usize>(
         }
     }
     centred
-}
-
-/// An angle in [−π, π).
-pub(super) fn wrap(angle: f64) -> f64 {
-    (angle + PI).rem_euclid(TAU) - PI
 }
 
 /// A coordinate with less spread than this (a landmark that is known exactly) is taken as having this much.

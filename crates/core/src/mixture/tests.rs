@@ -61,7 +61,7 @@ fn with_yaw(n: usize) -> (Vec<nalgebra::Vector3<f64>>, Vec<f64>) {
     let (mut a, mut b) = (vec![0.0; n], vec![0.0; n]);
     Streams::new(4, 0).at(Purpose::Initial, 1).normal_pairs(0, &mut a, &mut b);
     let yaw = |i: usize| {
-        if i.is_multiple_of(4) { super::fitting::wrap(3.1 + 0.1 * a[i]) } else { 0.5 + 0.1 * b[i] }
+        if i.is_multiple_of(4) { crate::measurement::angle::wrap(3.1 + 0.1 * a[i]) } else { 0.5 + 0.1 * b[i] }
     };
     (points.iter().enumerate().map(|(i, p)| nalgebra::Vector3::new(p.x, p.y, yaw(i))).collect(), weights)
 }

@@ -27,6 +27,9 @@ use crate::mixture::{Mode, fit};
 use crate::packet::{Belief, PacketKind};
 use crate::random::{Purpose, Streams};
 
+/// The paper has no tide; a sounding may lie outside the chart's depths by as much as `mpf` believes of one, m.
+const TIDE_SIGMA_M: f64 = 1.0;
+
 /// Options of `dmpf`; [`DmpfSettings`] holds the paper's values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DmpfOptions {
@@ -95,14 +98,16 @@ impl Dmpf {
         sound_speed_mps: f64,
         seed: u64,
     ) -> Result<Self, Error> {
-        let mut values = vec![
+        if let Some(range) = &options.range {
+            range.validate()?;
+        }
+        let values = [
             ("sigma_like_m", options.sigma_like_m),
             ("roughening_m2", options.roughening_m2),
             ("resample_share", options.resample_share),
             ("modes", options.modes as f64),
             ("window", options.window as f64),
         ];
-        values.extend(options.range.map(|range| ("sigma_range_m", range.sigma_m)));
         check_all(&DmpfSettings::bounds(), &values)?;
         Ok(Self {
             own,
@@ -124,6 +129,10 @@ impl Dmpf {
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
             return Outcome::Noted;
         };
+        if !chart.admits(water_depth_m, TIDE_SIGMA_M) {
+            core.rejected += 1;
+            return Outcome::Gated;
+        }
         let here = trajectory.displacement_m();
         if soundings.len() > self.options.window {
             soundings.pop_front();
@@ -175,6 +184,10 @@ impl Dmpf {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
         }
+        // Of an error that stands from range to range nothing is renewed: it counts by the share of the rest.
+        let standing_m2 = self.state.radio.standing_m2(&range.clock, tol_ns, toa_ns);
+        let noise_m2 = range.sigma_m * range.sigma_m;
+        let range = range.inflated(standing_m2).counting(noise_m2 / (noise_m2 + standing_m2));
         let Some(heard) = self.state.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.state.core.rejected += 1;
             return Outcome::Rejected;

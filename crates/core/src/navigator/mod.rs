@@ -1,6 +1,7 @@
 //! The contract of a navigator, and one module for each method.
 
 pub mod authenticated;
+pub mod clock;
 pub mod dead_reckoning;
 pub mod diagnostics;
 pub mod dmpf;
@@ -53,6 +54,8 @@ pub enum Status {
     Navigating,
     /// Off the chart or over a hole: dead reckoning until the chart is back.
     OffChart,
+    /// The position is known too little to navigate by: the whole region where the vehicle may be is searched.
+    Acquiring,
 }
 
 /// Belief of one vehicle about its own pose.

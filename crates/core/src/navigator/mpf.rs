@@ -8,10 +8,8 @@ use serde::{Deserialize, Serialize};
 use super::diagnostics::teammates;
 use super::last_heard::LastHeard;
 use super::radio::{HeardBelief, Radio};
-use super::range::RangeOptions;
+use super::range::{RangeMethod, RangeOptions};
 use super::range_novelty;
-use super::settings::check_all;
-use super::settings::range::RangeSettings;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
@@ -64,7 +62,7 @@ impl<const K: usize> Mpf<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         if let Some(range) = &options.range {
-            check_all(&RangeSettings::BOUNDS, &[("sigma_range_m", range.sigma_m)])?;
+            range.validate()?;
         }
         Ok(Self {
             own,
@@ -83,23 +81,6 @@ impl<const K: usize> Mpf<K> {
         &self.terrain
     }
 
-    fn fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
-        let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
-        self.terrain.resample();
-        outcome
-    }
-
-    /// One sounding: lookup, offset update, tempered weights, health, resampling.
-    fn sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> Outcome {
-        let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sensor_sigma_m);
-        if let Some(statistic) = health
-            && !self.terrain.watch(statistic)
-        {
-            self.terrain.resample();
-        }
-        outcome
-    }
-
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
         // Before the radio takes down that the packet was heard: what cannot be placed in time is refused whole.
@@ -107,11 +88,16 @@ impl<const K: usize> Mpf<K> {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         }
+        let standing_m2 = self.link.radio.standing_m2(&range.clock, tol_ns, toa_ns);
+        let range = range.inflated(standing_m2);
         let Some(heard) = self.link.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         };
-        let share = self.new_share(sender, tol_ns, &heard);
+        if self.terrain.acquiring() {
+            return self.range_while_acquiring(&heard, toa_ns, &range);
+        }
+        let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
             self.link.last_heard.keep(sender, tol_ns, heard.said.moments().1);
@@ -122,8 +108,18 @@ impl<const K: usize> Mpf<K> {
 }
 
 impl<const K: usize> Mpf<K> {
-    /// Share of this belief that counts: all of it, or what is new.
-    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief) -> f64 {
+    /// A range weighs the search by itself: what its sender believed before is not in it.
+    fn range_while_acquiring(&mut self, heard: &HeardBelief, toa_ns: i64, range: &RangeOptions) -> Outcome {
+        let (RangeMethod::Gaussian { temper }, Some(moved_m)) =
+            (range.method, self.terrain.state.core.displacement_since(toa_ns))
+        else {
+            return Outcome::Noted;
+        };
+        self.terrain.acquire_range(heard.said.summary(heard.range_m, moved_m, range.sigma_m), temper)
+    }
+
+    /// Share of this belief that counts: all of it, or what is new beside a standing error.
+    fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief, standing_m2: f64) -> f64 {
         let (true, Some(before)) = (self.options.range_novelty, self.link.last_heard.of(sender)) else {
             return 1.0;
         };
@@ -135,7 +131,7 @@ impl<const K: usize> Mpf<K> {
         let direction = [de / distance_m, dn / distance_m];
         // A teammate drifts as this vehicle does: its packets have no room for more.
         let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before.tol_ns)));
-        range_novelty::share(before.covariance_m2, covariance_m2, direction, &growth)
+        range_novelty::share(before.covariance_m2, covariance_m2, direction, &growth, standing_m2)
     }
 }
 
@@ -143,20 +139,14 @@ impl<const K: usize> Mpf<K> {
     /// What one event does once the clock has been advanced to it.
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.terrain.state.core.velocity_mps = *velocity_mps;
-                Outcome::Fused
-            }
             Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
                 self.link.radio.set_depth(*depth_m);
                 Outcome::Fused
             }
-            Payload::Fix { position_m, covariance_m2 } => self.fix(*position_m, *covariance_m2),
-            Payload::WaterDepth { water_depth_m, sigma_m } => self.sounding(*water_depth_m, *sigma_m),
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
                 self.reception(*sender, *tol_ns, *toa_ns, bytes)
             }
-            _ => Outcome::Noted,
+            _ => self.terrain.handle(event),
         }
     }
 }
@@ -165,7 +155,7 @@ impl<const K: usize> Navigator for Mpf<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.link.radio.check_sender(&event.payload)?;
-        self.terrain.state.core.advance(event.t_ns);
+        self.terrain.advance(event.t_ns);
         let rejected_before = self.terrain.state.core.rejected;
         let outcome = self.fuse_event(event);
         self.terrain.state.core.count_gated(&event.payload, outcome, rejected_before);
@@ -173,7 +163,8 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        if self.options.range.is_none() || !self.terrain.state.core.started() {
+        // What is being searched for is no belief yet.
+        if self.options.range.is_none() || !self.terrain.state.core.started() || self.terrain.acquiring() {
             return Ok(None);
         }
         let estimate = self.terrain.state.core.estimate(tol_ns);
@@ -197,7 +188,7 @@ impl<const K: usize> Navigator for Mpf<K> {
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
         let (terrain, link): (TerrainState<K>, LinkState) = load(snapshot)?;
-        self.terrain.state.core.check_same(&terrain.core)?;
+        self.terrain.check_same(&terrain)?;
         self.link.radio.check_same(&link.radio)?;
         self.terrain.state = terrain;
         self.link = link;

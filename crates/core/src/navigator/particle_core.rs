@@ -14,7 +14,9 @@ use crate::cloud::Cloud;
 use crate::error::Error;
 use crate::event::seconds;
 use crate::kernels::particles::{ParticleStep, displacement_map, prepare_step};
-use crate::kernels::weights::{known_share, weighted_covariance};
+use crate::kernels::weights::weighted_covariance;
+use crate::measurement::fix;
+use crate::measurement::sounding::neutral_log_likelihood;
 use crate::random::{Purpose, Stream, Streams};
 
 /// Particles for the position, one Gaussian of linear states for each (its covariance common to all), and the clock.
@@ -44,14 +46,8 @@ pub struct ParticleCore<const K: usize> {
     contradicting_fixes: u32,
 }
 
-/// A fix that contradicts the belief by more than this (χ² of two degrees of freedom, 5e-6) is gated …
-const FIX_GATE: f64 = 24.0;
-/// … but this many in a row are believed: a lost vehicle that surfaces must be able to start anew.
+/// So many fixes in a row that contradict the belief are believed: a lost vehicle that surfaces must be able to start anew.
 pub(in crate::navigator) const FIXES_BELIEVED: u32 = 3;
-/// No fix is better than a decimetre per axis, m².
-const FIX_FLOOR_M2: f64 = 0.01;
-/// Share of the weight that must have a chart for a sounding to be used.
-const CHART_SHARE: f64 = 0.2;
 
 impl<const K: usize> ParticleCore<K> {
     /// `particles` particles without a position yet.
@@ -76,6 +72,13 @@ impl<const K: usize> ParticleCore<K> {
             step: 0,
             contradicting_fixes: 0,
         })
+    }
+
+    /// Becomes a copy of `other` of the same size, but draws on from where both have not drawn yet.
+    pub fn become_core(&mut self, other: &Self) {
+        let step = self.step.max(other.step);
+        self.clone_from(other);
+        self.step = step;
     }
 
     /// Refuses a snapshot of another number of particles, or whose columns differ in length.
@@ -158,21 +161,18 @@ impl<const K: usize> ParticleCore<K> {
             self.status = Status::Navigating;
             return Outcome::Fused;
         }
-        let r = Matrix2::new(
-            covariance_m2[0].max(FIX_FLOOR_M2),
-            covariance_m2[1],
-            covariance_m2[1],
-            covariance_m2[2].max(FIX_FLOOR_M2),
-        );
+        let noise_m2 = fix::floored(covariance_m2);
+        let [ree, ren, rnn] = noise_m2;
         let (mean, [ee, en, nn]) = self.cloud.position_moments();
-        let off = Vector2::new(position_m[0] - mean[0], position_m[1] - mean[1]);
-        let (Some(inverse), Some(total)) =
-            (r.try_inverse(), (r + Matrix2::new(ee, en, en, nn)).try_inverse())
-        else {
+        let off = [position_m[0] - mean[0], position_m[1] - mean[1]];
+        let (Some(inverse), Some(contradicts)) = (
+            Matrix2::new(ree, ren, ren, rnn).try_inverse(),
+            fix::contradicts(off, [ree + ee, ren + en, rnn + nn]),
+        ) else {
             self.rejected += 1;
             return Outcome::Gated;
         };
-        if (off.transpose() * total * off)[0] > FIX_GATE {
+        if contradicts {
             self.contradicting_fixes += 1;
             if self.contradicting_fixes < FIXES_BELIEVED {
                 self.rejected += 1;
@@ -181,7 +181,7 @@ impl<const K: usize> ParticleCore<K> {
             self.contradicting_fixes = 0;
             let stream = self.next_stream(Purpose::Recovery);
             self.restarts = self.restarts.wrapping_add(1);
-            self.cloud.scatter_disc(position_m, [r[(0, 0)], r[(0, 1)], r[(1, 1)]], &stream);
+            self.cloud.scatter_disc(position_m, noise_m2, &stream);
             return Outcome::Fused;
         }
         self.contradicting_fixes = 0;
@@ -210,23 +210,12 @@ impl<const K: usize> ParticleCore<K> {
     ///
     /// False, and `OffChart`, if those hold too little of the weight: the sounding must not be used then.
     pub fn fill_holes(&mut self, log_likelihood: &mut [f64]) -> bool {
-        let weights = self.cloud.weights();
-        let (top, share) = known_share(log_likelihood, weights);
-        if share < CHART_SHARE || !top.is_finite() {
+        let Some(neutral) = neutral_log_likelihood(log_likelihood, self.cloud.weights()) else {
             self.status = Status::OffChart;
             return false;
-        }
+        };
         self.status = Status::Navigating;
-        if log_likelihood.iter().any(|l| l.is_nan()) {
-            let sum: f64 = log_likelihood
-                .iter()
-                .zip(weights)
-                .filter(|(l, _)| !l.is_nan())
-                .map(|(l, w)| w * (l - top).exp())
-                .sum();
-            let neutral = top + (sum / share).ln();
-            log_likelihood.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = neutral);
-        }
+        log_likelihood.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = neutral);
         true
     }
 

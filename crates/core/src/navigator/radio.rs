@@ -5,9 +5,10 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use super::clock::ClockOptions;
 use super::{Estimate, Particles, check_sender};
 use crate::error::{Error, positive};
-use crate::event::{Payload, VehicleId};
+use crate::event::{Payload, VehicleId, seconds};
 use crate::link::{ReceiveWindow, Sequencer, range_m, slant_to_horizontal};
 use crate::packet::{
     Belief, BeliefPacket, CloudPacket, Header, HeardBitmap, MixturePacket, PacketKind, check_crc,
@@ -168,6 +169,13 @@ impl Radio {
         self.sequencer.take()?;
         self.heard = HeardBitmap::default();
         Ok(bytes.into())
+    }
+
+    /// Variance of what clocks and sound speed do to the range of a packet, m².
+    #[must_use]
+    pub fn standing_m2(&self, clock: &ClockOptions, tol_ns: i64, toa_ns: i64) -> f64 {
+        let range_m = range_m(tol_ns, toa_ns, self.sound_speed_mps).unwrap_or(0.0);
+        clock.standing_m2(self.sound_speed_mps, range_m, seconds(toa_ns))
     }
 
     /// Reads a packet; `None` (and no change) for one that does not decode, was seen before, or whose range makes no

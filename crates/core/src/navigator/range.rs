@@ -3,10 +3,17 @@
 use serde::{Deserialize, Serialize};
 
 use super::Outcome;
+use super::clock::ClockOptions;
 use super::particle_core::ParticleCore;
 use super::radio::{BroadcastBelief, HeardBelief};
-use crate::kernels::likelihood::{RangeBelief, add_range_gaussian, misfit_to_log_likelihood, range_eq17};
+use super::settings::check_all;
+use super::settings::range::RangeSettings;
+use crate::error::Error;
+use crate::kernels::likelihood::{
+    RangeBelief, add_range_gaussian, add_range_late, misfit_to_log_likelihood, range_eq17,
+};
 use crate::kernels::weights::{kernel_entropy, moments};
+use crate::measurement::range::{CloudInnovation, LateArrivals};
 use crate::packet::Belief;
 use crate::random::Purpose;
 
@@ -36,9 +43,40 @@ pub struct RangeOptions {
     pub gate_sigmas: f64,
     /// Kernel width of the entropies whose difference says what a range told (19)–(21), m; none leaves that out.
     pub entropy_sigma_m: Option<f64>,
+    /// What may be wrong with ranges, beside their noise.
+    pub clock: ClockOptions,
 }
 
 impl RangeOptions {
+    /// Refuses what is not finite or outside its bounds, and a model of clocks for (17), which has no variance.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`], [`Error::OutOfBound`].
+    pub fn validate(&self) -> Result<(), Error> {
+        check_all(&RangeSettings::BOUNDS, &[("sigma_range_m", self.sigma_m)])?;
+        self.clock.validate()?;
+        let clock = &self.clock;
+        let told = clock.differ() || clock.sound_speed_sigma_mps > 0.0 || clock.late_share > 0.0;
+        if told && matches!(self.method, RangeMethod::Eq17 { .. }) {
+            let value = clock.late_share.max(clock.sound_speed_sigma_mps).max(clock.offset_sigma_s);
+            return Err(Error::OutOfBound {
+                quantity: "clock, with eq17",
+                value,
+                bound: "zero: eq17 has no variance",
+            });
+        }
+        Ok(())
+    }
+
+    /// The same with a standing error's variance in that of the range.
+    #[must_use]
+    pub fn inflated(mut self, standing_m2: f64) -> Self {
+        if standing_m2 > 0.0 {
+            self.sigma_m = (self.sigma_m * self.sigma_m + standing_m2).sqrt();
+        }
+        self
+    }
+
     /// The same with a Gaussian likelihood to a further power; (17) knows none.
     #[must_use]
     pub fn counting(mut self, share: f64) -> Self {
@@ -75,7 +113,7 @@ impl BroadcastBelief {
 
     /// One Gaussian with the moments of what was said. Particles are where the vehicle is now, the range holds for where
     /// it was at arrival: the belief is moved along by the displacement since.
-    fn summary(&self, range_m: f64, moved_m: [f64; 2], sigma_m: f64) -> RangeBelief {
+    pub(super) fn summary(&self, range_m: f64, moved_m: [f64; 2], sigma_m: f64) -> RangeBelief {
         let (mean, covariance_m2) = self.moments();
         RangeBelief { mean_m: [mean[0] + moved_m[0], mean[1] + moved_m[1]], covariance_m2, range_m, sigma_m }
     }
@@ -94,7 +132,8 @@ impl<const K: usize> ParticleCore<K> {
             return Outcome::Rejected;
         };
         let belief = heard.said.summary(heard.range_m, moved, options.sigma_m);
-        if options.gate_sigmas.is_finite() && self.contradicts(&belief, options.gate_sigmas) {
+        let late = options.clock.late();
+        if options.gate_sigmas.is_finite() && self.contradicts(&belief, options.gate_sigmas, late.as_ref()) {
             self.rejected += 1;
             return Outcome::Gated;
         }
@@ -112,14 +151,21 @@ impl<const K: usize> ParticleCore<K> {
                 for ((l, e), n) in column.iter_mut().zip(&self.cloud.east).zip(&self.cloud.north) {
                     let density = modes.iter().map(|(w, b)| {
                         let (innovation, variance) = b.innovation(*e, *n);
-                        w * (-0.5 * innovation * innovation / variance).exp() / variance.sqrt()
+                        w * match &late {
+                            Some(late) => late.likelihood(innovation, variance).log_z.exp(),
+                            None => (-0.5 * innovation * innovation / variance).exp() / variance.sqrt(),
+                        }
                     });
                     // A range that no mode explains must not make the weights zero: 1e-300 is less than any density.
                     *l = temper * density.sum::<f64>().max(1e-300).ln();
                 }
             }
             (RangeMethod::Gaussian { temper }, _) => {
-                add_range_gaussian(&belief, temper, &self.cloud.east, &self.cloud.north, &mut column);
+                let (east, north) = (&self.cloud.east, &self.cloud.north);
+                match &late {
+                    Some(late) => add_range_late(&belief, late, temper, east, north, &mut column),
+                    None => add_range_gaussian(&belief, temper, east, north, &mut column),
+                }
             }
             (RangeMethod::Eq17 { .. }, BroadcastBelief::Cloud(cloud)) => {
                 let along = |x: &[f64], by: f64| x.iter().map(|v| v + by).collect::<Vec<_>>();
@@ -159,15 +205,12 @@ impl<const K: usize> ParticleCore<K> {
     }
 
     /// True if the mean innovation is too far from zero for what the cloud and the belief admit.
-    fn contradicts(&self, belief: &RangeBelief, gate_sigmas: f64) -> bool {
-        let (mut mean, mut square, mut variance) = (0.0, 0.0, 0.0);
-        for ((w, e), n) in self.cloud.weights().iter().zip(&self.cloud.east).zip(&self.cloud.north) {
-            let (innovation, v) = belief.innovation(*e, *n);
-            mean += w * innovation;
-            square += w * innovation * innovation;
-            variance += w * v;
-        }
-        let spread = (square - mean * mean).max(0.0);
-        mean * mean > gate_sigmas * gate_sigmas * (variance + spread)
+    fn contradicts(&self, belief: &RangeBelief, gate_sigmas: f64, late: Option<&LateArrivals>) -> bool {
+        let places = self.cloud.east.iter().zip(&self.cloud.north);
+        let particles = self.cloud.weights().iter().zip(places).map(|(w, (e, n))| {
+            let (innovation, variance) = belief.innovation(*e, *n);
+            (*w, innovation, variance)
+        });
+        CloudInnovation::of(particles).contradicts(gate_sigmas, late)
     }
 }

@@ -6,6 +6,8 @@
 //! between them: a prediction is correlated with the estimate that it started from, and a corrected estimate is
 //! correlated with its prediction by the square root of the share of the variance that remains.
 
+use crate::measurement::range::along;
+
 /// How a position error grows in dead reckoning, along one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Growth {
@@ -19,9 +21,21 @@ pub struct Growth {
 
 /// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector), from the covariances [ee, en, nn]
 /// that the teammate broadcast before, `then_m2`, and broadcasts now. A teammate's first packet counts whole.
+/// `standing_m2` is the variance of a part of the range's error that is never renewed, as a clock's.
 #[must_use]
-pub fn share(then_m2: [f64; 3], now_m2: [f64; 3], direction: [f64; 2], growth: &Growth) -> f64 {
-    let rho = correlation(along(then_m2, direction), along(now_m2, direction), growth);
+pub fn share(
+    then_m2: [f64; 3],
+    now_m2: [f64; 3],
+    direction: [f64; 2],
+    growth: &Growth,
+    standing_m2: f64,
+) -> f64 {
+    let (then, now) = (along(direction, then_m2), along(direction, now_m2));
+    let mut rho = correlation(then, now, growth);
+    if standing_m2 > 0.0 {
+        let (then, now) = (then.max(0.0), now.max(0.0));
+        rho = (rho * (then * now).sqrt() + standing_m2) / ((then + standing_m2) * (now + standing_m2)).sqrt();
+    }
     ((1.0 - rho) / (1.0 + rho)).max(LEAST)
 }
 
@@ -41,11 +55,6 @@ fn correlation(then_m2: f64, now_m2: f64, growth: &Growth) -> f64 {
     (drifting * kept).clamp(0.0, 1.0)
 }
 
-/// Variance along a unit vector.
-fn along([ee, en, nn]: [f64; 3], [e, n]: [f64; 2]) -> f64 {
-    e * e * ee + 2.0 * e * n * en + n * n * nn
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -54,7 +63,7 @@ mod tests {
     const EAST: [f64; 2] = [1.0, 0.0];
 
     fn share(then: [f64; 3], now: [f64; 3], growth: &Growth) -> f64 {
-        super::share(then, now, EAST, growth)
+        super::share(then, now, EAST, growth, 0.0)
     }
 
     #[test]
@@ -99,6 +108,14 @@ mod tests {
             let growth = Growth { correlation: cross / (p * drift_m2).sqrt(), drift_m2, walk_m2: walk };
             assert!((correlation(p, now, &growth) - exact).abs() < 1e-9, "{noise_m2}");
         }
+    }
+
+    #[test]
+    fn beside_a_standing_error_what_is_renewed_counts_for_less() {
+        let shares = [0.0, 1.0, 10.0, 1000.0]
+            .map(|m2| super::share([4.0, 0.0, 1.0], [1.0, 0.0, 1.0], EAST, &STILL, m2));
+        assert!(shares.windows(2).all(|pair| pair[0] > pair[1]), "{shares:?}");
+        assert!(shares[3] < 1e-2 && shares[3] > 0.0);
     }
 
     #[test]

@@ -68,6 +68,8 @@ pub struct Tracks {
     pub unsent: Vec<u64>,
     /// Whether the vehicle said it had no chart to go by.
     pub off_chart: Vec<bool>,
+    /// Whether the vehicle was searching for its position.
+    pub acquiring: Vec<bool>,
     /// What navigators said of themselves, a column for each name; NaN where one said nothing of the kind.
     pub diagnostics: BTreeMap<String, Vec<f64>>,
     /// Events by the name of their kind that no estimate or packet can depend on: its navigator does not use the kind
@@ -109,6 +111,7 @@ impl Record {
             rejected: vec![0; n],
             unsent: vec![0; n],
             off_chart: vec![false; n],
+            acquiring: vec![false; n],
             ..Tracks::default()
         };
         Self { tracks, sample_ns, cloud_every, unsent: vec![0; vehicles] }
@@ -152,6 +155,7 @@ impl Record {
         tracks.ess[at] = estimate.ess.unwrap_or(f64::NAN);
         tracks.rejected[at] = estimate.rejected;
         tracks.off_chart[at] = estimate.status == Status::OffChart;
+        tracks.acquiring[at] = estimate.status == Status::Acquiring;
     }
 
     fn diagnose(&mut self, at: usize, said: &[(&'static str, f64)]) {

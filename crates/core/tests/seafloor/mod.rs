@@ -5,11 +5,12 @@ use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use uwcoop_core::event::{Event, Payload, VehicleId};
+use uwcoop_core::measurement::angle::wrap;
 use uwcoop_core::mixture::{Criterion, FitOptions};
 use uwcoop_core::navigator::Navigator;
 use uwcoop_core::navigator::landmark::consensus::ConsensusRule;
 use uwcoop_core::navigator::landmark::jump_hypotheses::JumpRule;
-use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading, wrap};
+use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading};
 use uwcoop_core::navigator::landmark::{
     BiasModelAverage, Landmark, LandmarkOptions, LandmarkPaper, PacketOptions, PaperOptions,
 };

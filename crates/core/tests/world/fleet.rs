@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use uwcoop_core::chart::Chart;
 use uwcoop_core::event::Event;
+use uwcoop_core::navigator::clock::ClockOptions;
 use uwcoop_core::navigator::team::{Team, TeamOptions};
 use uwcoop_core::navigator::{Navigator, Outcome};
 
@@ -20,6 +21,8 @@ pub fn team_options(vehicles: usize, particles: usize) -> TeamOptions {
         use_ranges: true,
         sigma_range_m: 1.0,
         range_gate_sigmas: 6.0,
+        clock: ClockOptions::default(),
+        referee_nat: 10.0,
         frame_bytes: 32,
         tag_bytes: 4,
         packet_f64: false,

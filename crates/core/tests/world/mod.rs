@@ -9,6 +9,7 @@ use std::sync::Arc;
 use nalgebra::{Matrix2, Vector2};
 use uwcoop_core::chart::{Chart, SigmaMap};
 use uwcoop_core::event::{Event, Payload, VehicleId};
+use uwcoop_core::navigator::clock::ClockOptions;
 use uwcoop_core::navigator::dead_reckoning::DeadReckoning;
 use uwcoop_core::navigator::dmpf::{Dmpf, DmpfOptions};
 use uwcoop_core::navigator::drift::Drift;
@@ -67,7 +68,13 @@ pub const EQ17: RangeMethod = RangeMethod::Eq17 { samples: 0 };
 pub const GAUSSIAN: RangeMethod = RangeMethod::Gaussian { temper: 0.25 };
 
 pub fn range(method: RangeMethod, gate_sigmas: f64) -> Option<RangeOptions> {
-    Some(RangeOptions { method, sigma_m: 1.0, gate_sigmas, entropy_sigma_m: None })
+    Some(RangeOptions {
+        method,
+        sigma_m: 1.0,
+        gate_sigmas,
+        entropy_sigma_m: None,
+        clock: ClockOptions::default(),
+    })
 }
 
 /// `dmpf` as packaged.
@@ -100,6 +107,9 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
             sigma_map_m: None,
             sounding_spacing_m: 0.0,
             least_ess_share: 0.02,
+            acquisition_sigma_m: 20.0,
+            acquisition_particles: 20_000,
+            start_anywhere: false,
             monitor: Some(MonitorOptions {
                 forgetting: 0.05,
                 clip: 25.0,

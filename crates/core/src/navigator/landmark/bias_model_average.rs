@@ -9,11 +9,11 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::model::wrap;
 use super::options::LandmarkOptions;
 use super::robust::Landmark;
 use crate::error::Error;
 use crate::event::{Event, VehicleId};
+use crate::measurement::angle::wrap;
 use crate::mixture::Mode;
 use crate::navigator::settings::{LandmarkSettings, Settings, check_all};
 use crate::navigator::snapshot::{load, save};

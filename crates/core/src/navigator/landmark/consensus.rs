@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::model::wrap;
 use super::odometry::Increment;
 use super::pose_algebra::carried;
+use crate::measurement::angle::wrap;
 
 /// When to believe the positionings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -7,9 +7,10 @@
 use nalgebra::{Matrix3, Rotation2, SMatrix, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::model::{Measurement, Pose, wrap};
+use super::model::{Measurement, Pose};
 use super::odometry::Increment;
 use super::pose_algebra::{at_transmit, between, compose, composed_by, inverse_by};
+use crate::measurement::angle::wrap;
 
 /// Own pose in the landmark's frame (3), landmark's pose in the world (3), gyro bias, DVL scale, DVL misalignment.
 pub const STATES: usize = 9;

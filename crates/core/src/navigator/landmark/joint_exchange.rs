@@ -4,8 +4,8 @@ use nalgebra::{Matrix3, Matrix6, SMatrix, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
 use super::joint::{Joint, STATES, symmetric};
-use super::model::wrap;
 use super::pose_algebra::{between, between_by, compose, composed_by, difference, inverse_by};
+use crate::measurement::angle::wrap;
 use crate::mixture::Mode;
 
 /// What keeps a variance from vanishing where it is divided by: 0.1 mm, 0.001°.

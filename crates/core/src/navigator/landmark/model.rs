@@ -10,18 +10,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
 use crate::kernels::landmark::systematic_resample;
+use crate::measurement::angle::wrap;
 use crate::navigator::settings::{LandmarkPaperSettings, Settings, check_all};
 
 /// [x, y, yaw], m and rad.
 pub type Pose = [f64; 3];
-
-/// An angle in [−π, π).
-#[must_use]
-pub fn wrap(angle: f64) -> f64 {
-    let wrapped = (angle + PI).rem_euclid(TAU) - PI;
-    // A tiny negative angle plus 2π rounds to 2π itself.
-    if wrapped >= PI { -PI } else { wrapped }
-}
 
 /// One mutual positioning; what was not measured is `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]

@@ -5,9 +5,10 @@ use std::collections::VecDeque;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::model::{Pose, from_polar, to_polar, wrap};
+use super::model::{Pose, from_polar, to_polar};
 use crate::kernels::landmark::{OdometryStep, predict};
 use crate::kernels::particles::gather;
+use crate::measurement::angle::wrap;
 use crate::mixture::{Mode, sample_counts};
 use crate::random::Stream;
 

@@ -3,12 +3,13 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use super::model::{Measurement, Monitor, wrap};
+use super::model::{Measurement, Monitor};
 use super::paper::LandmarkPaper;
 use super::paper_cloud::{Columns, moments};
 use super::robust::PACKET_ANGLES;
 use crate::error::Error;
 use crate::event::VehicleId;
+use crate::measurement::angle::wrap;
 use crate::mixture::select;
 use crate::navigator::Outcome;
 use crate::packet::PacketError;

@@ -5,10 +5,11 @@ use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
 use super::joint::{Covariance, Joint, JointVector, STATES};
-use super::model::{Acoustics, Gate, Measurement, log_likelihoods, offsets, wrap};
+use super::model::{Acoustics, Gate, Measurement, log_likelihoods, offsets};
 use super::odometry::Increment;
 use super::pose_algebra::at_transmit;
 use crate::kernels::landmark::systematic_resample;
+use crate::measurement::angle::wrap;
 use crate::random::Stream;
 
 /// Angles among the states.

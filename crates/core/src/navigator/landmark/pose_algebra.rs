@@ -2,8 +2,9 @@
 
 use nalgebra::{Matrix3, Rotation2, Vector2, Vector3};
 
-use super::model::{Measurement, Pose, wrap};
+use super::model::{Measurement, Pose};
 use super::odometry::Increment;
+use crate::measurement::angle::wrap;
 
 /// a ⊕ b: b's pose in the world, given in a's frame.
 pub(super) fn compose(a: &Vector3<f64>, b: &Vector3<f64>) -> Vector3<f64> {

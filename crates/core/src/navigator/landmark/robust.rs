@@ -20,14 +20,14 @@ use super::role_exchange::RoleExchange;
 use super::stationary_gyro::StationaryGyro;
 use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId};
+use crate::measurement::angle::wrap;
+use crate::measurement::fix;
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};
 use crate::random::{Purpose, Stream, Streams};
 
 /// Which coordinates of a packet are angles.
 pub const PACKET_ANGLES: [bool; 6] = [false, false, true, false, true, true];
-/// A fix that contradicts the belief by more than this (χ² of two degrees of freedom, 5e-6) is gated.
-const FIX_GATE: f64 = 24.0;
 /// Variance of a yaw of which nothing is known: uniform on the circle.
 const UNKNOWN_YAW: f64 = std::f64::consts::PI * std::f64::consts::PI / 3.0;
 
@@ -154,7 +154,7 @@ impl Landmark {
             joint.set_own_pose([position_m[0], position_m[1], joint.own()[2]], &start);
             return Outcome::Fused;
         }
-        if !joint.fix(position_m, &nalgebra::Matrix2::new(ee, en, en, nn), FIX_GATE) {
+        if !joint.fix(position_m, &nalgebra::Matrix2::new(ee, en, en, nn), fix::GATE) {
             return self.gated();
         }
         self.state.scatter = None;
@@ -174,11 +174,11 @@ impl Landmark {
             start.fill_row(2, 0.0);
             start.fill_column(2, 0.0);
             start[(2, 2)] = variance;
-            joint.set_own_pose([own[0], own[1], super::model::wrap(yaw_rad)], &start);
+            joint.set_own_pose([own[0], own[1], wrap(yaw_rad)], &start);
             return Outcome::Fused;
         }
-        let innovation = super::model::wrap(yaw_rad - own[2]);
-        if innovation * innovation > FIX_GATE * (spread[(2, 2)] + variance) {
+        let innovation = wrap(yaw_rad - own[2]);
+        if innovation * innovation > fix::GATE * (spread[(2, 2)] + variance) {
             return self.gated();
         }
         let row = joint.own_rows().fixed_view::<1, 9>(2, 0).into_owned();

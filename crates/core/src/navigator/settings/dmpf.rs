@@ -121,6 +121,7 @@ impl Settings for DmpfSettings {
             ["range_method", "range_samples", "range_temper", "entropy_sigma_m", "packet", "modes"];
         all_unread(!ranges, &RangeSettings::OPTIONS, RangeSettings::OFF)
             .chain(all_unread(!ranges, &of_ranges, RangeSettings::OFF))
+            .chain(all_unread(eq17, &["clock"], "(17) has no variance; range_method = \"gaussian\" has"))
             .chain(all_unread(
                 eq17,
                 &["range_temper"],

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Bound, Bounded};
+use crate::navigator::clock::ClockOptions;
 use crate::navigator::range::{RangeMethod, RangeOptions};
 use crate::packet::PacketKind;
 
@@ -34,6 +35,8 @@ pub struct RangeSettings {
     pub sigma_range_m: f64,
     /// Ranges that contradict the cloud by more than this many sigmas are gated and counted; `None`: never.
     pub range_gate_sigmas: Option<f64>,
+    /// What may be wrong with one-way ranges: clocks, sound speed, late arrivals.
+    pub clock: ClockOptions,
 }
 
 impl RangeSettings {
@@ -41,7 +44,7 @@ impl RangeSettings {
     pub const BOUNDS: [Bounded; 2] =
         [("sigma_range_m", Bound::POSITIVE), ("range_gate_sigmas", Bound::POSITIVE)];
     /// Its options but for the switch.
-    pub const OPTIONS: [&'static str; 2] = ["sigma_range_m", "range_gate_sigmas"];
+    pub const OPTIONS: [&'static str; 3] = ["sigma_range_m", "range_gate_sigmas", "clock"];
     /// Why they are not read.
     pub const OFF: &'static str = "use_ranges is false";
 
@@ -60,12 +63,13 @@ impl RangeSettings {
             sigma_m: self.sigma_range_m,
             gate_sigmas,
             entropy_sigma_m,
+            clock: self.clock,
         })
     }
 }
 
 impl Default for RangeSettings {
     fn default() -> Self {
-        Self { use_ranges: true, sigma_range_m: 1.0, range_gate_sigmas: None }
+        Self { use_ranges: true, sigma_range_m: 1.0, range_gate_sigmas: None, clock: ClockOptions::default() }
     }
 }

@@ -28,6 +28,9 @@ pub struct TeamSettings {
     pub range: RangeSettings,
     /// Own data since the last broadcast, rounded to one frame; or the same as float64, for studies.
     pub packet: BeliefForm,
+    /// Evidence by which the filter without ranges must explain the own soundings better before its cloud takes over, nat;
+    /// 0: it is not run.
+    pub referee_nat: f64,
     /// Bytes of a packet, tag or checksum included.
     pub frame_bytes: usize,
     /// Bytes of the frame that are kept for an authentication tag; it takes the checksum's place.
@@ -49,7 +52,8 @@ pub struct TeamSettings {
 }
 
 /// What belongs to packets.
-const OF_PACKETS: [&str; 9] = [
+const OF_PACKETS: [&str; 10] = [
+    "referee_nat",
     "packet",
     "frame_bytes",
     "tag_bytes",
@@ -68,6 +72,7 @@ impl Default for TeamSettings {
             drift: DriftSettings::default(),
             range: RangeSettings { range_gate_sigmas: Some(6.0), ..RangeSettings::default() },
             packet: BeliefForm::Rounded,
+            referee_nat: 10.0,
             frame_bytes: 32,
             tag_bytes: 4,
             packet_spacing_m: 0.0,
@@ -111,6 +116,8 @@ impl TeamSettings {
             use_ranges: self.range.use_ranges,
             sigma_range_m: self.range.sigma_range_m,
             range_gate_sigmas: self.range.gate_sigmas(),
+            clock: self.range.clock,
+            referee_nat: self.referee_nat,
             frame_bytes: self.frame_bytes,
             tag_bytes: self.tag_bytes,
             packet_f64: self.packet == BeliefForm::F64,
@@ -136,6 +143,7 @@ impl Settings for TeamSettings {
 
     fn bounds() -> Vec<Bounded> {
         let own = [
+            ("referee_nat", Bound::NON_NEGATIVE),
             ("frame_bytes", Bound::between(16.0, 256.0, "16 to 256")),
             ("tag_bytes", Bound::between(0.0, 32.0, "0 to 32")),
             ("packet_spacing_m", Bound::NON_NEGATIVE),

@@ -5,18 +5,41 @@ use serde::{Deserialize, Serialize};
 use crate::error::Error;
 use crate::event::VehicleId;
 use crate::kernels::jitter::{JitterScratch, jitter_followers};
-use crate::kernels::team::{BLOCK, packed, packed_len};
+use crate::kernels::team::{BLOCK, BlockLayout, packed, packed_len};
+use crate::navigator::clock::ClockPrior;
 use crate::random::Stream;
+
+/// What is known of a teammate that joins.
+#[derive(Debug, Clone, Copy)]
+pub struct MemberPrior {
+    /// Standard deviations of the block's first states.
+    pub sigmas: [f64; BLOCK],
+    /// Of its clock, where that may differ.
+    pub clock: ClockPrior,
+    /// Standard deviation of the scale of ranges, which the group's first member brings in.
+    pub scale_sigma: f64,
+}
+
+/// What widens every block, by variances.
+#[derive(Debug, Clone, Copy)]
+pub struct Widening {
+    /// Of the block's first states.
+    pub states: [f64; BLOCK],
+    /// Of the clock difference, m².
+    pub clock_m2: f64,
+}
 
 /// The Gaussian of one group of teammates for each of N particles.
 ///
 /// ```text
 /// mean         D columns of N, covariance: packed lower triangle, one column of N for each element
-///              member 0: e n b c_e c_n heading thrust | member 1: …
+///              s | member 0: e n b c_e c_n heading thrust β β̇ | member 1: …
 /// ```
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Group {
     particles: usize,
+    /// Which states it has.
+    pub layout: BlockLayout,
     /// Who has joined, in the order of their blocks.
     pub members: Vec<VehicleId>,
     /// Means.
@@ -36,9 +59,10 @@ pub struct Group {
 impl Group {
     /// Without members.
     #[must_use]
-    pub fn new(particles: usize) -> Self {
+    pub fn new(particles: usize, layout: BlockLayout) -> Self {
         Self {
             particles,
+            layout,
             members: Vec::new(),
             mean: Vec::new(),
             covariance: Vec::new(),
@@ -52,25 +76,25 @@ impl Group {
     /// Number of states.
     #[must_use]
     pub fn dim(&self) -> usize {
-        BLOCK * self.members.len()
+        if self.members.is_empty() { 0 } else { self.layout.base(self.members.len()) }
     }
 
     /// A member's first state.
     #[must_use]
     pub fn base_of(&self, vehicle: VehicleId) -> Option<usize> {
-        self.members.iter().position(|m| *m == vehicle).map(|k| BLOCK * k)
+        self.members.iter().position(|m| *m == vehicle).map(|k| self.layout.base(k))
     }
 
-    /// Takes in a member at `position_m` with standard deviations `sigmas`, independent of the others; its datum offset is
-    /// zero, or what each particle says.
+    /// Takes in a member at `position_m`, independent of the others; its datum offset is zero, or what each particle says.
     pub fn join(
         &mut self,
         vehicle: VehicleId,
         position_m: [f64; 2],
         offset_m: Option<&[f64]>,
-        sigmas: [f64; BLOCK],
+        prior: &MemberPrior,
     ) {
-        let (n, before) = (self.particles, self.dim());
+        let n = self.particles;
+        let (first, before) = (self.members.is_empty(), self.layout.base(self.members.len()));
         self.members.push(vehicle);
         let after = self.dim();
         self.mean.resize(after * n, 0.0);
@@ -81,9 +105,20 @@ impl Group {
             self.mean[(before + 2) * n..(before + 3) * n].copy_from_slice(offset);
         }
         self.covariance.resize(packed_len(after) * n, 0.0);
-        for (k, sigma) in sigmas.into_iter().enumerate() {
-            let at = packed(before + k, before + k) * n;
-            self.covariance[at..at + n].fill(sigma * sigma);
+        let mut set = |r: usize, c: usize, value: f64| {
+            let at = packed(r, c) * n;
+            self.covariance[at..at + n].fill(value);
+        };
+        for (k, sigma) in prior.sigmas.into_iter().enumerate() {
+            set(before + k, before + k, sigma * sigma);
+        }
+        if let Some(clock) = self.layout.clock_of(before) {
+            set(clock, clock, prior.clock.difference_m2);
+            set(clock + 1, clock, prior.clock.coupled_m2_per_s);
+            set(clock + 1, clock + 1, prior.clock.rate_m2_per_s2);
+        }
+        if first && self.layout.scale {
+            set(0, 0, prior.scale_sigma * prior.scale_sigma);
         }
         self.spare.resize(self.covariance.len(), 0.0);
     }
@@ -153,17 +188,21 @@ impl Group {
         jitter_followers(own, own_normals, &mut self.mean, &self.normals, h, &mut self.jitter);
     }
 
-    /// After the own cloud lost its way: what particles knew apart, they know together.
-    pub fn forget(&mut self, added: [f64; BLOCK]) {
+    /// After the own cloud lost its way: what particles knew apart, they know together. Means are those of the particles,
+    /// equally weighted without `weights`.
+    pub fn forget(&mut self, added: &Widening, weights: Option<&[f64]>) {
         let (n, d) = (self.particles, self.dim());
         let inverse = 1.0 / n as f64;
-        let mean: Vec<f64> = self.mean.chunks(n).map(|c| c.iter().sum::<f64>() * inverse).collect();
+        let average = |terms: &mut dyn Iterator<Item = f64>| match weights {
+            Some(weights) => terms.zip(weights).map(|(x, w)| w * x).sum(),
+            None => terms.sum::<f64>() * inverse,
+        };
+        let mean: Vec<f64> = self.mean.chunks(n).map(|c| average(&mut c.iter().copied())).collect();
         for r in 0..d {
             for c in 0..=r {
                 let (x, y) = (self.mean_of(r), self.mean_of(c));
-                let spread: f64 =
-                    x.iter().zip(y).map(|(x, y)| (x - mean[r]) * (y - mean[c])).sum::<f64>() * inverse;
-                let more = if r == c { added[r % BLOCK] } else { 0.0 };
+                let spread: f64 = average(&mut x.iter().zip(y).map(|(x, y)| (x - mean[r]) * (y - mean[c])));
+                let more = if r == c { self.widened(r, added) } else { 0.0 };
                 let at = packed(r, c) * n;
                 self.covariance[at..at + n].iter_mut().for_each(|p| *p += spread + more);
             }
@@ -173,13 +212,36 @@ impl Group {
         }
     }
 
+    /// By what one state's variance grows.
+    fn widened(&self, state: usize, added: &Widening) -> f64 {
+        let Some(within) = state.checked_sub(self.layout.head()) else { return 0.0 };
+        match within % self.layout.stride() {
+            k if k < BLOCK => added.states[k],
+            BLOCK => added.clock_m2,
+            _ => 0.0,
+        }
+    }
+
+    /// Every block's position moves with its particle, which was at `from_m` on average and is at (east, north) now.
+    pub fn follow(&mut self, from_m: [f64; 2], east: &[f64], north: &[f64]) {
+        let n = self.particles;
+        let bases: Vec<usize> = (0..self.members.len()).map(|k| self.layout.base(k)).collect();
+        for base in bases {
+            for (axis, own) in [east, north].into_iter().enumerate() {
+                let column = &mut self.mean[(base + axis) * n..(base + axis + 1) * n];
+                column.iter_mut().zip(own).for_each(|(x, own)| *x += own - from_m[axis]);
+            }
+        }
+    }
+
     /// Refuses a snapshot of another size.
     ///
     /// # Errors
     /// [`Error::Snapshot`].
-    pub fn check(&self, particles: usize) -> Result<(), Error> {
+    pub fn check(&self, particles: usize, layout: BlockLayout) -> Result<(), Error> {
         let d = self.dim();
         let fits = self.particles == particles
+            && self.layout == layout
             && self.mean.len() == d * particles
             && self.covariance.len() == packed_len(d) * particles
             && self.order.len() == particles

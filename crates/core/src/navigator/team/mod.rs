@@ -12,46 +12,38 @@ mod outgoing_data;
 mod packet_updates;
 mod plausibility;
 mod position_history;
+mod range_record;
+mod ranges;
 mod reception;
+mod referee;
 mod resampling;
 mod shared_current;
+mod state;
 
 pub use options::TeamOptions;
 
 use std::sync::Arc;
 
-use serde::{Deserialize, Serialize};
-
 use super::diagnostics::teammates;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};
 use crate::chart::Chart;
-use crate::error::Error;
+use crate::error::{Error, non_negative};
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
+use crate::kernels::team::BlockLayout;
 use crate::packet::{CRC_BYTES, TEAM_MAX, TeamLayout, TeamReport};
 use group::Group;
 use outgoing_data::OutgoingData;
 use packet_updates::PacketUpdates;
 use position_history::PositionHistory;
+use range_record::RangeRecord;
+use referee::Referee;
 use shared_current::SharedCurrent;
-
-/// A teammate that was heard.
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-pub struct Teammate {
-    /// Where its block stands in time: the launch of its last packet.
-    pub tol_ns: i64,
-    /// Its dead reckoning then, m.
-    pub position_m: [f64; 2],
-    /// Low bits of that packet's counter.
-    pub sequence: u8,
-    /// Distance travelled since its last sounding that was used, m.
-    pub since_sounding_m: Option<f64>,
-    /// Fixes in a row that it told and that contradict its block.
-    pub contradicting_fixes: u32,
-}
+use state::TeamState;
+pub use state::Teammate;
 
 /// The navigator, with K = 2 (current) or 4 (and compass and thrust bias) own linear states.
 pub struct Team<const K: usize> {
@@ -61,18 +53,10 @@ pub struct Team<const K: usize> {
     options: TeamOptions,
     layout: TeamLayout,
     filled: Option<Vec<Paired>>,
+    /// The filter without ranges; none where it is not to judge.
+    lone: Option<TerrainCore<K>>,
     state: TeamState<K>,
     scratch: Scratch,
-}
-
-#[derive(Clone, Serialize, Deserialize)]
-struct TeamState<const K: usize> {
-    outgoing: OutgoingData,
-    mates: Vec<Option<Teammate>>,
-    groups: Vec<Group>,
-    history: PositionHistory,
-    current: Option<SharedCurrent<K>>,
-    sigma_sounding_m: Option<f64>,
 }
 
 #[derive(Default)]
@@ -82,6 +66,8 @@ struct Scratch {
     lanes: Vec<[f64; crate::kernels::team::LANES]>,
     rows: Vec<f64>,
     innovation: [Vec<f64>; 2],
+    mean: Vec<f64>,
+    usable: Vec<(i64, f64, packet_updates::Target)>,
     own: [Vec<f64>; 2],
     normals: [Vec<f64>; 8],
     current: [Vec<f64>; 2],
@@ -101,6 +87,8 @@ impl<const K: usize> Team<K> {
         seed: u64,
     ) -> Result<Self, Error> {
         options.validate()?;
+        non_negative("referee_nat", options.referee_nat)?;
+        options.clock.validate()?;
         if vehicles > usize::from(TEAM_MAX) {
             let value = vehicles as f64;
             return Err(Error::OutOfBound { quantity: "vehicles of a team", value, bound: "1 to 16" });
@@ -117,23 +105,30 @@ impl<const K: usize> Team<K> {
             ..options.terrain
         };
         let groups = vehicles.saturating_sub(1).div_ceil(options.group_size);
+        let states =
+            BlockLayout { scale: options.clock.sound_speed_sigma_mps > 0.0, clock: options.clock.differ() };
+        let judged = options.use_ranges && options.referee_nat > 0.0 && chart.is_some();
+        let lone = judged.then(|| TerrainCore::new(own, terrain, chart.clone(), seed)).transpose()?;
         Ok(Self {
             state: TeamState {
                 outgoing: OutgoingData::new(vehicles),
                 mates: vec![None; vehicles],
-                groups: (0..groups).map(|_| Group::new(options.terrain.particles)).collect(),
+                groups: (0..groups).map(|_| Group::new(options.terrain.particles, states)).collect(),
                 history: PositionHistory::default(),
                 current: (options.current_difference < 1.0)
                     .then(|| SharedCurrent::new(options.terrain.particles, vehicles)),
                 sigma_sounding_m: None,
+                referee: Referee::default(),
+                ranges: RangeRecord::default(),
             },
+            lone,
             own,
             terrain: TerrainCore::new(own, terrain, chart, seed)?,
             radio: Radio::new(own, vehicles, sound_speed_mps)?,
             layout,
             filled,
             options,
-            scratch: Scratch::default(),
+            scratch: Scratch { usable: Vec::with_capacity(vehicles), ..Scratch::default() },
         })
     }
 
@@ -164,30 +159,35 @@ impl<const K: usize> Team<K> {
 
     /// The own particles make a step, and what must know of it is told.
     fn advance(&mut self, t_ns: i64) {
-        let core = &mut self.terrain.state.core;
-        let Some(before_ns) = core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
-            core.advance(t_ns);
+        let Some(before_ns) = self.terrain.state.core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
+            self.terrain.advance(t_ns);
             return;
         };
-        let covariance = core.covariance;
+        let covariance = self.terrain.state.core.covariance;
         if let Some(current) = &mut self.state.current {
-            current.before(&core.cloud.linear);
+            current.before(&self.terrain.state.core.cloud.linear);
         }
-        let step = core.advance(t_ns);
+        let step = self.terrain.advance(t_ns);
+        let core = &self.terrain.state.core;
         if let Some(current) = &mut self.state.current {
             let dt_s = seconds(t_ns.saturating_sub(before_ns));
             current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
         }
-        if step.is_some() && self.options.use_ranges {
+        if step.is_some() && self.options.use_ranges && !self.terrain.acquiring() {
             self.state.history.remember(t_ns, &core.cloud.east, &core.cloud.north);
         }
     }
 
     fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let restarts = self.terrain.state.core.restarts;
+        let acquiring = self.terrain.acquiring();
         let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
-        if outcome == Outcome::Fused {
+        // Nobody is told of a start before it is found.
+        if outcome == Outcome::Fused && !self.terrain.acquiring() {
             self.state.outgoing.fix(t_ns, position_m, covariance_m2);
+        }
+        if acquiring && !self.terrain.acquiring() {
+            self.found(t_ns);
         }
         if self.terrain.state.core.restarts != restarts {
             self.forget();
@@ -198,9 +198,16 @@ impl<const K: usize> Team<K> {
     }
 
     fn sounding(&mut self, t_ns: i64, water_depth_m: f64, sigma_m: f64) -> Outcome {
-        self.state.outgoing.sounding(t_ns, water_depth_m);
+        // What is no sounding of this seabed is not broadcast either.
+        if self.terrain.possible(water_depth_m, sigma_m) {
+            self.state.outgoing.sounding(t_ns, water_depth_m);
+        }
         self.state.sigma_sounding_m = Some(sigma_m);
+        let acquiring = self.terrain.acquiring();
         let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sigma_m);
+        if acquiring && !self.terrain.acquiring() {
+            self.found(t_ns);
+        }
         if let Some(statistic) = health {
             self.remember_own();
             if self.terrain.watch(statistic) {
@@ -210,7 +217,22 @@ impl<const K: usize> Team<K> {
                 self.resample();
             }
         }
+        self.judge();
         outcome
+    }
+
+    /// The search for the own position has ended: the particles are others than before, and what was found is a start.
+    fn found(&mut self, t_ns: i64) {
+        self.forget();
+        self.state.history.clear();
+        if let Some(current) = &mut self.state.current {
+            *current = SharedCurrent::new(self.options.terrain.particles, self.state.mates.len());
+        }
+        let found = self.terrain.state.core.status == Status::Navigating;
+        if found && !self.state.outgoing.started() {
+            let (mean, covariance) = self.terrain.state.core.cloud.position_moments();
+            self.state.outgoing.fix(t_ns, mean, covariance);
+        }
     }
 
     fn remember_launch(&mut self, tol_ns: i64, sequence: u8) {
@@ -253,6 +275,9 @@ impl<const K: usize> Navigator for Team<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.radio.check_sender(&event.payload)?;
+        if let Some(lone) = &mut self.lone {
+            lone.handle(event);
+        }
         self.state.outgoing.advance(event.t_ns, self.terrain.state.core.velocity_mps);
         self.advance(event.t_ns);
         let rejected_before = self.terrain.state.core.rejected;
@@ -290,24 +315,22 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
-        save(&(&self.terrain.state, &self.radio, &self.state))
+        save(&(&self.terrain.state, &self.radio, &self.state, self.lone.as_ref().map(|lone| &lone.state)))
     }
 
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
-        let (terrain, radio, state): (TerrainState<K>, Radio, TeamState<K>) = load(snapshot)?;
-        self.terrain.state.core.check_same(&terrain.core)?;
+        type Snapshot<const K: usize> = (TerrainState<K>, Radio, TeamState<K>, Option<TerrainState<K>>);
+        let (terrain, radio, state, lone): Snapshot<K> = load(snapshot)?;
+        self.terrain.check_same(&terrain)?;
         self.radio.check_same(&radio)?;
-        if state.groups.len() != self.state.groups.len() || state.mates.len() != self.state.mates.len() {
-            return Err(Error::Snapshot("made with another team".into()));
-        }
-        let (particles, vehicles) = (self.options.terrain.particles, self.state.mates.len());
-        state.groups.iter().try_for_each(|g| g.check(particles))?;
-        let shared = state.current.as_ref().map(|c| c.fits(particles, vehicles));
-        if !state.history.fits(particles)
-            || shared.is_some() != self.state.current.is_some()
-            || shared == Some(false)
-        {
-            return Err(Error::Snapshot("made with another team".into()));
+        self.state.check_same(&state, self.options.terrain.particles)?;
+        match (&mut self.lone, lone) {
+            (None, None) => {}
+            (Some(lone), Some(theirs)) => {
+                lone.check_same(&theirs)?;
+                lone.state = theirs;
+            }
+            _ => return Err(Error::Snapshot("made with another referee".into())),
         }
         self.terrain.state = terrain;
         self.radio = radio;
@@ -331,6 +354,11 @@ impl<const K: usize> Navigator for Team<K> {
         let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
         let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
         said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        said.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
+        if self.lone.is_some() {
+            said.extend(self.state.referee.diagnostics());
+        }
+        said.extend(self.clock_diagnostics());
         said
     }
 

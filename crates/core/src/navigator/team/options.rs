@@ -1,6 +1,7 @@
 //! Options of `team`.
 
 use crate::error::Error;
+use crate::navigator::clock::ClockOptions;
 use crate::navigator::drift::Drift;
 use crate::navigator::settings::{Settings, TeamSettings, check_all};
 use crate::navigator::terrain_core::TerrainOptions;
@@ -16,8 +17,13 @@ pub struct TeamOptions {
     pub use_ranges: bool,
     /// Standard deviation of a range, m.
     pub sigma_range_m: f64,
-    /// A range that the team's beliefs contradict by more than this many sigmas is gated; infinite for never.
+    /// A range that the particles contradict by more than this many sigmas is gated; infinite for never.
     pub range_gate_sigmas: f64,
+    /// What may be wrong with ranges.
+    pub clock: ClockOptions,
+    /// Evidence by which the filter without ranges must explain the own soundings better before its cloud takes over,
+    /// nat; 0: it does not run.
+    pub referee_nat: f64,
     /// Bytes of a frame, tag or checksum included.
     pub frame_bytes: usize,
     /// Bytes of the frame that an authentication tag takes.

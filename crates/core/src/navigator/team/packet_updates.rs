@@ -2,7 +2,8 @@
 
 use super::Teammate;
 use crate::event::seconds;
-use crate::kernels::team::{Op, Prediction};
+use crate::kernels::team::{Op, Prediction, RangeOp};
+use crate::measurement::sounding::sharing_error;
 use crate::navigator::drift::Drift;
 use crate::packet::{FixSays, TeamReport};
 
@@ -22,6 +23,8 @@ pub struct ReportModel<'a> {
     pub correlation_m: f64,
     /// Variance of a range, m².
     pub range_m2: f64,
+    /// Walk of the clock difference, m²/s.
+    pub clock_m2_per_s: f64,
 }
 
 /// One instant of a packet.
@@ -137,8 +140,7 @@ impl PacketUpdates {
             match what {
                 What::Sounding(depth) if depth.is_nan() => {}
                 What::Sounding(water_depth_m) => {
-                    let shared =
-                        since_m.map_or(1.0, |m| (2.0 * model.correlation_m / m.max(1e-9)).clamp(1.0, 1e6));
+                    let shared = sharing_error(model.correlation_m, since_m);
                     self.ops.push(Op::Sounding {
                         water_depth_m,
                         noise_m2: model.sounding_m2.unwrap_or(1.0) + report.depth_rounding_m2,
@@ -149,10 +151,10 @@ impl PacketUpdates {
                 }
                 What::Fix(position_m, variance_m2) => self.ops.push(Op::Fix { position_m, variance_m2 }),
                 What::Range(range_m, target) => {
-                    let variance_m2 = model.range_m2 + report.range_rounding_m2;
+                    let range = RangeOp { range_m, variance_m2: model.range_m2 + report.range_rounding_m2 };
                     self.ops.push(match target {
-                        Target::Own => Op::RangeToOwn { own: 0, range_m, variance_m2 },
-                        Target::Block(base) => Op::RangeToBlock { base, range_m, variance_m2 },
+                        Target::Own => Op::RangeToOwn { own: 0, clock_sign: -1.0, range },
+                        Target::Block(base) => Op::RangeToBlock { base, range },
                     });
                 }
             }
@@ -182,6 +184,7 @@ impl ReportModel<'_> {
                 d.sigma_heading_bias_rad_per_sqrt_s.powi(2),
                 d.sigma_thrust_bias_mps_per_sqrt_s.powi(2),
             ],
+            clock_m2_per_s: self.clock_m2_per_s,
         }
     }
 }

@@ -53,7 +53,8 @@ impl<const K: usize> Team<K> {
         let doubt_m = fix.sigma_m
             + reckoning_m(&self.options.drifts[usize::from(sender)], speed_mps, fix.age_s)
             + larger_sigma(covariance_m2)
-            + self.options.sigma_range_m;
+            + self.options.sigma_range_m
+            + self.options.clock.doubt_m(self.radio.sound_speed_mps, range_m, seconds(toa_ns));
         // Not within, rather than outside: what is not a number contradicts.
         !((between[0].hypot(between[1]) - range_m).abs() <= PLAUSIBLE_SIGMAS * doubt_m)
     }

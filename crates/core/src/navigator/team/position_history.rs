@@ -6,6 +6,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use crate::kernels::particles::gather;
+use crate::kernels::weights::weighted_mean;
 
 /// Seconds that are kept: a frame of 64 bytes at 80 bit/s.
 const KEPT_NS: i64 = 8_000_000_000;
@@ -39,6 +40,8 @@ pub struct PositionHistory {
     recent: VecDeque<Places>,
     /// Positions at the last launch, with that packet's counter.
     pub launch: Option<(u8, Places)>,
+    /// Shortest time between two launches, ns.
+    pub cycle_ns: Option<i64>,
     #[serde(skip)]
     spare: Vec<Places>,
 }
@@ -116,8 +119,24 @@ impl PositionHistory {
         }
     }
 
+    /// Another cloud, of which each particle is `now - from` from where the old one was on average, takes over: where it
+    /// was is where the old one was on average, as far off.
+    pub fn follow(&mut self, weights: &[f64], from_m: [f64; 2], east: &[f64], north: &[f64]) {
+        for places in self.all() {
+            let columns = [(&mut places.east, east, from_m[0]), (&mut places.north, north, from_m[1])];
+            for (then, now, from_m) in columns {
+                let mean = weighted_mean(weights, then);
+                then.iter_mut().zip(now).for_each(|(then, now)| *then = mean + now - from_m);
+            }
+        }
+    }
+
     /// Stores positions as those of a launch.
     pub fn launched(&mut self, sequence: u8, t_ns: i64, place: impl Fn(usize) -> [f64; 2], particles: usize) {
+        if let Some((_, last)) = &self.launch {
+            let cycle_ns = t_ns.saturating_sub(last.t_ns);
+            self.cycle_ns = Some(self.cycle_ns.map_or(cycle_ns, |shortest| shortest.min(cycle_ns)));
+        }
         let (kept, places) = self.launch.get_or_insert_with(Default::default);
         *kept = sequence;
         places.t_ns = t_ns;

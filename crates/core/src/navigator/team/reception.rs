@@ -1,22 +1,21 @@
 //! A packet of a teammate: read, put in the order of time, run over every particle's Gaussian, weighed.
 
-use super::group::Group;
-use super::packet_updates::{ReportModel, Target};
+use super::group::{Group, MemberPrior};
+use super::packet_updates::ReportModel;
+use super::ranges::find_usable;
 use super::{Team, Teammate};
 use crate::chart::{Chart, SigmaMap};
 use crate::event::{VehicleId, seconds};
 use crate::kernels::lookup::{Grid, Paired, bilinear};
 use crate::kernels::team::{BLOCK, BlockUpdates, Joints, MapSigma, Op, Own, Terrain, run};
-use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
-use crate::link::{range_m, slant_to_horizontal};
+use crate::kernels::weights::{weighted_covariance, weighted_mean};
+use crate::measurement::range::CloudInnovation;
+use crate::measurement::sounding::neutral_log_likelihood;
 use crate::navigator::Outcome;
-use crate::navigator::radio::SLANT_GATES;
-use crate::packet::{FixSays, TeamReport};
+use crate::packet::FixSays;
 
 /// A packet that would leave too few particles has its weights quartered at most so many times.
 const SOFTENINGS: usize = 6;
-/// Share of the weight that must have a chart for a sounding to be weighed.
-const CHART_SHARE: f64 = 0.2;
 
 /// Mean and covariance [ee, en, nn] of a block's position over all particles.
 pub fn position_moments(group: &Group, base: usize, weights: &[f64]) -> ([f64; 2], [f64; 3]) {
@@ -43,23 +42,24 @@ fn unwrap_near(value: f64, modulus: f64, reference: f64) -> f64 {
 
 impl<const K: usize> Team<K> {
     pub(super) fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
-        if !self.options.use_ranges {
+        // While the own position is searched for, no particle lasts that could carry a teammate.
+        if !self.options.use_ranges || self.terrain.acquiring() {
             return Outcome::Noted;
         }
-        let Some(range_m) = self.read(sender, tol_ns, toa_ns, bytes) else {
+        if self.read(sender, tol_ns, toa_ns, bytes).is_none() {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
-        };
-        let mate = match self.known_or_joined(sender, toa_ns, tol_ns, range_m) {
+        }
+        let mate = match self.known_or_joined(sender, toa_ns, tol_ns) {
             Ok(mate) => mate,
             Err(outcome) => return outcome,
         };
-        self.fuse(sender, tol_ns, toa_ns, range_m, mate);
+        self.fuse(sender, tol_ns, toa_ns, mate);
         Outcome::Fused
     }
 
-    /// Decodes and admits a packet; its horizontal range. `None`, and nothing has changed, for one that is refused.
-    fn read(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Option<f64> {
+    /// Decodes and admits a packet. `None`, and nothing has changed, for one that is refused.
+    fn read(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Option<()> {
         let report = &mut self.scratch.report;
         report.decode(bytes, &self.layout, sender, tol_ns).ok()?;
         let core = &self.terrain.state.core;
@@ -69,23 +69,12 @@ impl<const K: usize> Team<K> {
             return None;
         }
         let radio = &mut self.radio;
-        let slant_m = range_m(tol_ns, toa_ns, radio.sound_speed_mps).ok()?;
-        let sigma_m = self.options.sigma_range_m;
-        let horizontal =
-            slant_to_horizontal(slant_m, radio.depth_m, report.depth_m, sigma_m, SLANT_GATES).ok()?;
-        radio.windows.get_mut(usize::from(sender))?.accept(report.sequence, tol_ns).ok()?;
-        Some(horizontal.range_m)
+        radio.windows.get_mut(usize::from(sender))?.accept(report.sequence, tol_ns).ok().map(|_| ())
     }
 
     /// The teammate as of its last packet, its dead reckoning unwrapped; one that is heard for the first time is taken in
     /// where its fix was. Noted while its packets do not say where it started, gated where it cannot have.
-    fn known_or_joined(
-        &mut self,
-        sender: VehicleId,
-        toa_ns: i64,
-        tol_ns: i64,
-        range_m: f64,
-    ) -> Result<Teammate, Outcome> {
+    fn known_or_joined(&mut self, sender: VehicleId, toa_ns: i64, tol_ns: i64) -> Result<Teammate, Outcome> {
         let report = &mut self.scratch.report;
         let modulus = report.position_modulus_m;
         let reference = match &self.state.mates[usize::from(sender)] {
@@ -99,6 +88,9 @@ impl<const K: usize> Team<K> {
             return Ok(mate);
         }
         let fix = report.fix.ok_or(Outcome::Noted)?;
+        let prior = self.options.clock.prior(self.radio.sound_speed_mps, seconds(tol_ns));
+        // Without a range nothing says whether it can have started there.
+        let (_, range_m) = self.horizontal(tol_ns, toa_ns, 0.0, prior.difference_m2).ok_or(Outcome::Noted)?;
         if self.start_contradicts(sender, toa_ns, range_m, &fix) {
             self.terrain.state.core.rejected += 1;
             return Err(Outcome::Gated);
@@ -134,6 +126,7 @@ impl<const K: usize> Team<K> {
         let shared_m = (doubt + self.options.offset_difference_m.powi(2)).sqrt();
         let prior_m = self.options.terrain.sigma_offset0_m;
         let offset = (shared_m < prior_m).then_some(cloud.offset.as_slice());
+        let sound_speed_mps = self.radio.sound_speed_mps;
         let sigmas: [f64; BLOCK] = [
             fix.sigma_m,
             fix.sigma_m,
@@ -144,12 +137,18 @@ impl<const K: usize> Team<K> {
             drift.sigma_thrust_bias0_mps,
         ];
         let at = [0, 1].map(|a| mate.position_m[a] + residual_m[a]);
+        let clock = &self.options.clock;
+        let prior = MemberPrior {
+            sigmas,
+            clock: clock.prior(sound_speed_mps, seconds(mate.tol_ns)),
+            scale_sigma: clock.scale_sigma(sound_speed_mps),
+        };
         let group = self.group_of(sender);
-        self.state.groups[group].join(sender, at, offset, sigmas);
+        self.state.groups[group].join(sender, at, offset, &prior);
         Ok(mate)
     }
 
-    fn fuse(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, range_m: f64, mate: Teammate) {
+    fn fuse(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, mate: Teammate) {
         let index = self.group_of(sender);
         let Some(base) = self.state.groups[index].base_of(sender) else { return };
         self.scratch.updates.trace(&self.scratch.report, tol_ns, &mate);
@@ -173,27 +172,28 @@ impl<const K: usize> Team<K> {
             sounding_m2: self.options.terrain.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
             correlation_m: self.options.terrain.correlation_length_m.unwrap_or(correlation),
             range_m2: self.options.sigma_range_m.powi(2),
+            clock_m2_per_s: self.options.clock.walk_m2_per_s(),
         };
-        let targets = targets(&self.scratch.report, &self.state, index, self.own);
+        let members = (&self.state.groups[index], self.own);
+        let usable = &mut self.scratch.usable;
+        self.state.ranges.reported_stale +=
+            find_usable(&self.scratch.report, tol_ns, &self.state, members, usable);
         let speed = self.radio.sound_speed_mps;
-        let ranges = targets.map(|(launch_ns, range_m, target)| {
+        let ranges = usable.iter().map(|&(launch_ns, range_m, target)| {
             (launch_ns.saturating_add((range_m / speed * 1e9) as i64), range_m, target)
         });
         let since_sounding_m = self.scratch.updates.build(&model, &mate, shift_m, ranges);
         let sequence = self.scratch.report.sequence;
         let position_m = self.scratch.report.position_m;
 
-        let mut column = self.terrain.state.core.cloud.likelihood_column();
-        self.run(index, base, &mut column);
         self.own_positions(toa_ns);
-        if self.contradicts(index, base, range_m) {
-            self.terrain.state.core.rejected += 1;
-        } else {
-            let variance_m2 = self.options.sigma_range_m.powi(2);
-            self.scratch.updates.ops.clear();
-            self.scratch.updates.ops.push(Op::RangeToOwn { own: 1, range_m, variance_m2 });
-            self.run(index, base, &mut column);
-            self.state.outgoing.range(sender, sequence, range_m);
+        let own = self.own_range(index, base, tol_ns, toa_ns);
+        self.scratch.updates.ops.extend(own.map(|range| Op::RangeToOwn { own: 1, clock_sign: 1.0, range }));
+        let mut column = self.terrain.state.core.cloud.likelihood_column();
+        self.run_gated(index, base, &mut column);
+        let used = self.scratch.updates.ops.iter().any(|op| matches!(op, Op::RangeToOwn { own: 1, .. }));
+        if let Some(range) = own.filter(|_| used) {
+            self.state.outgoing.range(sender, sequence, range.range_m);
         }
         let mate = Teammate { tol_ns, position_m, sequence, since_sounding_m, contradicting_fixes };
         self.state.mates[usize::from(sender)] = Some(mate);
@@ -221,13 +221,52 @@ impl<const K: usize> Team<K> {
         })
     }
 
-    /// Runs the program in scratch and adds what it says of the particles.
-    fn run(&mut self, index: usize, base: usize, column: &mut [f64]) {
-        let n = column.len();
+    /// Runs the program in scratch and adds what it says of the particles. A range that they contradict is taken out, and
+    /// what is left runs again: what follows it must not have seen it.
+    fn run_gated(&mut self, index: usize, base: usize, column: &mut [f64]) {
+        let (n, late) = (column.len(), self.options.clock.late());
+        self.scratch.mean.clone_from(&self.state.groups[index].mean);
+        loop {
+            self.run(index, base, n);
+            let ops = self.scratch.updates.ops.iter().enumerate().filter(|(_, op)| op.weighs());
+            let mut ranges = ops.enumerate().filter(|(_, (_, op))| op.is_range());
+            let weights = self.terrain.state.core.cloud.weights();
+            let [nu, s] = &self.scratch.innovation;
+            let record = &mut self.state.ranges;
+            let contradicting = ranges.find_map(|(row, (place, op))| {
+                let of = |column: &'_ [f64], i: usize| column[row * n + i];
+                let particles = weights.iter().enumerate().map(|(i, w)| (*w, of(nu, i), of(s, i)));
+                let seen = CloudInnovation::of(particles);
+                let own = matches!(op, Op::RangeToOwn { own: 1, .. });
+                if own {
+                    record.judged(&seen, late.as_ref());
+                }
+                seen.contradicts(self.options.range_gate_sigmas, late.as_ref()).then_some((place, own))
+            });
+            let Some((place, own)) = contradicting else { break };
+            *(if own { &mut record.gated } else { &mut record.reported_gated }) += 1;
+            self.terrain.state.core.rejected += 1;
+            self.scratch.updates.ops.remove(place);
+            self.state.groups[index].mean.copy_from_slice(&self.scratch.mean);
+        }
+        self.state.groups[index].written();
+        let cloud = &self.terrain.state.core.cloud;
+        let weighing = self.scratch.updates.ops.iter().filter(|op| op.weighs()).count();
+        for row in self.scratch.rows.chunks(n).take(weighing) {
+            add_row(row, cloud.weights(), column);
+        }
+    }
+
+    /// Runs the program in scratch on the means, and on a copy of the covariances.
+    fn run(&mut self, index: usize, base: usize, n: usize) {
         let options = &self.options.terrain;
         let weighing = self.scratch.updates.ops.iter().filter(|op| op.weighs()).count();
-        self.scratch.rows.resize(weighing * n, 0.0);
-        self.scratch.innovation.iter_mut().for_each(|c| c.resize(n, 0.0));
+        // At once for the fullest packet: later ones must not allocate.
+        let most = self.layout.soundings() + self.state.mates.len() + 2;
+        for column in self.scratch.innovation.iter_mut().chain([&mut self.scratch.rows]) {
+            column.reserve((most * n).saturating_sub(column.len()));
+            column.resize(weighing * n, 0.0);
+        }
         self.scratch.own.iter_mut().for_each(|c| c.resize(n, 0.0));
         let cloud = &self.terrain.state.core.cloud;
         let launch = self.state.history.launch.as_ref();
@@ -244,6 +283,8 @@ impl<const K: usize> Team<K> {
         });
         let updates = BlockUpdates {
             base,
+            layout: self.state.groups[index].layout,
+            late: self.options.clock.late(),
             ops: &self.scratch.updates.ops,
             terrain,
             own: Own {
@@ -262,10 +303,6 @@ impl<const K: usize> Team<K> {
         let mut joints = Joints { dim, mean, before, order, after, scratch: &mut self.scratch.lanes };
         let [nu, s] = &mut self.scratch.innovation;
         run(&updates, &mut joints, &mut self.scratch.rows, &mut [nu, s]);
-        self.state.groups[index].written();
-        for row in self.scratch.rows.chunks(n).take(weighing) {
-            add_row(row, cloud.weights(), column);
-        }
     }
 
     /// Where each particle was when the packet arrived, into scratch. What is older than is kept is reckoned back.
@@ -280,27 +317,6 @@ impl<const K: usize> Team<K> {
             at.clear();
             at.extend(now.iter().map(|x| x - back[axis]));
         }
-    }
-
-    /// Whether a range is further off than the gate of what cloud, block and sensor allow.
-    fn contradicts(&self, index: usize, base: usize, range_m: f64) -> bool {
-        let (group, weights) = (&self.state.groups[index], self.weights());
-        let [east, north] = &self.scratch.own;
-        let (mean, [ee, en, nn]) = position_moments(group, base, weights);
-        let own = [weighted_mean(weights, east), weighted_mean(weights, north)];
-        let (oe, on) = (
-            weighted_covariance(weights, east, own[0], east, own[0]),
-            weighted_covariance(weights, north, own[1], north, own[1]),
-        );
-        let (de, dn) = (mean[0] - own[0], mean[1] - own[1]);
-        let d = de.hypot(dn).max(1e-9);
-        let (ue, un) = (de / d, dn / d);
-        let radial = ue * ue * (ee + oe) + 2.0 * ue * un * en + un * un * (nn + on);
-        let across = un * un * (ee + oe) - 2.0 * ue * un * en + ue * ue * (nn + on);
-        let curvature = across.max(0.0) / d;
-        let off = range_m - d - 0.5 * curvature;
-        let variance = self.options.sigma_range_m.powi(2) + radial + 0.5 * curvature * curvature;
-        off * off > self.options.range_gate_sigmas.powi(2) * variance
     }
 
     /// Weighs the particles by a packet, softened if it would leave too few.
@@ -321,38 +337,8 @@ impl<const K: usize> Team<K> {
 /// Adds one log-likelihood; particles without a chart take the mean likelihood of those that have one. A sounding that
 /// too few can weigh says nothing.
 fn add_row(row: &[f64], weights: &[f64], column: &mut [f64]) {
-    let (top, share) = known_share(row, weights);
-    if share < CHART_SHARE || !top.is_finite() {
-        return;
-    }
-    if row.iter().any(|l| l.is_nan()) {
-        let known = row.iter().zip(weights).filter(|(l, _)| !l.is_nan());
-        let sum: f64 = known.map(|(l, w)| w * (l - top).exp()).sum();
-        let neutral = top + (sum / share).ln();
-        column.iter_mut().zip(row).for_each(|(c, l)| *c += if l.is_nan() { neutral } else { *l });
-    } else {
-        column.iter_mut().zip(row).for_each(|(c, l)| *c += l);
-    }
-}
-
-/// Reported ranges that can be used: to this vehicle's last launch, or to a block of the same group that stands at the
-/// launch which the range was measured to.
-fn targets<'a, const K: usize>(
-    report: &'a TeamReport,
-    state: &'a super::TeamState<K>,
-    index: usize,
-    own: VehicleId,
-) -> impl Iterator<Item = (i64, f64, Target)> + 'a {
-    report.ranges.iter().filter_map(move |range| {
-        if range.vehicle == own {
-            let (_, launch) = state.history.launch.as_ref().filter(|(s, _)| s & 3 == range.sequence)?;
-            return Some((launch.t_ns, range.range_m, Target::Own));
-        }
-        let mate =
-            state.mates.get(usize::from(range.vehicle))?.filter(|m| m.sequence & 3 == range.sequence)?;
-        let base = state.groups.get(index)?.base_of(range.vehicle)?;
-        Some((mate.tol_ns, range.range_m, Target::Block(base)))
-    })
+    let Some(neutral) = neutral_log_likelihood(row, weights) else { return };
+    column.iter_mut().zip(row).for_each(|(c, l)| *c += if l.is_nan() { neutral } else { *l });
 }
 
 /// The chart with its holes filled, where it has any.

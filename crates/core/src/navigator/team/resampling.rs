@@ -1,10 +1,15 @@
 //! Resampling of `team`: what belongs to a particle goes with it.
 
 use super::Team;
+use super::group::Widening;
+use crate::event::seconds;
 use crate::kernels::particles::liu_west_bandwidth;
 use crate::kernels::weights::weighted_mean;
 use crate::navigator::Status;
 use crate::random::{Purpose, Stream};
+
+/// A clock difference widens by no more than a position, m².
+const MOST_WIDENED_M2: f64 = 100.0;
 
 impl<const K: usize> Team<K> {
     /// Own positions, to know later how far each particle was moved.
@@ -24,10 +29,11 @@ impl<const K: usize> Team<K> {
 
     /// The own cloud was spread: what each particle knew of the teammates is pooled and widened.
     pub(super) fn forget(&mut self) {
+        let clock_m2 = self.clock_widening_m2();
         for group in &mut self.state.groups {
             if let Some(vehicle) = group.members.first() {
                 let drift = &self.options.drifts[usize::from(*vehicle)];
-                group.forget([
+                let states = [
                     100.0,
                     100.0,
                     1.0,
@@ -35,9 +41,18 @@ impl<const K: usize> Team<K> {
                     0.01,
                     drift.sigma_heading_bias0_rad.powi(2),
                     drift.sigma_thrust_bias0_mps.powi(2),
-                ]);
+                ];
+                group.forget(&Widening { states, clock_m2 }, None);
             }
         }
+    }
+
+    /// By how much clock differences widen when the own cloud has lost its way, m²: they have absorbed its error, but are
+    /// no worse than the hardware allows.
+    pub(super) fn clock_widening_m2(&self) -> f64 {
+        let elapsed_s = self.terrain.state.core.now_ns().map_or(0.0, seconds);
+        let prior = self.options.clock.prior(self.radio.sound_speed_mps, elapsed_s);
+        prior.difference_m2.min(MOST_WIDENED_M2)
     }
 
     /// As `mpf`; teammates and launch positions go with their particle, and are jittered jointly with it.

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::event::VehicleId;
 use crate::kernels::particles::{ParticleStep, gather};
+use crate::kernels::weights::weighted_mean;
 
 /// Displacement by the current of each particle, now and at each teammate's last packet.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -109,6 +110,15 @@ impl<const K: usize> SharedCurrent<K> {
     pub fn fits(&self, particles: usize, vehicles: usize) -> bool {
         let kept = self.at.iter().flatten().flat_map(|then| &then.displacement);
         self.at.len() == vehicles && self.displacement.iter().chain(kept).all(|c| c.len() == particles)
+    }
+
+    /// Another cloud takes over, of whose way nothing is known: each particle takes the mean of the old ones.
+    pub fn pool(&mut self, weights: &[f64]) {
+        let kept = self.at.iter_mut().flatten().flat_map(|then| &mut then.displacement);
+        for displacement in self.displacement.iter_mut().chain(kept) {
+            let mean = weighted_mean(weights, displacement);
+            displacement.fill(mean);
+        }
     }
 
     /// Resampling: particle i takes the columns of its ancestor.

@@ -51,6 +51,13 @@ pub struct TerrainOptions {
     pub least_ess_share: f64,
     /// Health monitor.
     pub monitor: Option<MonitorOptions>,
+    /// A start known to less than this, along the longer axis, is searched for; so is a cloud that grew to more than twice
+    /// as much, and beyond what its particles can hold, m.
+    pub acquisition_sigma_m: f64,
+    /// Particles while the position is searched for, at most.
+    pub acquisition_particles: usize,
+    /// Begin anywhere on the chart at the first sounding, where no fix came before it.
+    pub start_anywhere: bool,
     /// Process noise and priors.
     pub drift: Drift,
 }
@@ -68,6 +75,8 @@ impl TerrainOptions {
             ("sigma_offset_m_per_sounding", self.sigma_offset_m_per_sounding),
             ("sounding_spacing_m", self.sounding_spacing_m),
             ("least_ess_share", self.least_ess_share),
+            ("acquisition_sigma_m", self.acquisition_sigma_m),
+            ("acquisition_particles", self.acquisition_particles as f64),
         ];
         let optional = [
             ("sigma_depth_m", self.sigma_depth_m),
