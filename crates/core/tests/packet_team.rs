@@ -3,7 +3,7 @@
 
 use proptest::prelude::*;
 use uwcoop_core::packet::{
-    FixSays, Header, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport,
+    FixContent, Header, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport,
     append_crc,
 };
 
@@ -61,7 +61,7 @@ prop_compose! {
         }
         report.fix = fix.map(|(age_s, pair, sigma_m, start)| ReportedFix {
             age_s,
-            said: if start { FixSays::Start(pair.map(|x| 20.0 * x)) } else { FixSays::Residual(pair) },
+            said: if start { FixContent::Start(pair.map(|x| 20.0 * x)) } else { FixContent::Residual(pair) },
             sigma_m,
         });
         report
@@ -82,8 +82,8 @@ fn check_fix(sent: Option<ReportedFix>, read: Option<ReportedFix>) {
     assert!((sent.age_s - read.age_s).abs() <= 0.125 + sent.age_s / 1000.0, "{sent:?} {read:?}");
     assert!(read.sigma_m >= sent.sigma_m && read.sigma_m <= 1.2 * sent.sigma_m);
     let (a, b, step) = match (sent.said, read.said) {
-        (FixSays::Start(a), FixSays::Start(b)) => (a, b, 4.0),
-        (FixSays::Residual(a), FixSays::Residual(b)) => (a, b, 0.125),
+        (FixContent::Start(a), FixContent::Start(b)) => (a, b, 4.0),
+        (FixContent::Residual(a), FixContent::Residual(b)) => (a, b, 0.125),
         other => panic!("{other:?}"),
     };
     assert!((0..2).all(|k| (a[k] - b[k]).abs() <= 0.5 * step + 1e-9));

@@ -96,7 +96,7 @@ impl<const K: usize> Mpf<K> {
         let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
-            self.link.range_novelty.heard(sender, tol_ns, heard.said.moments().1);
+            self.link.range_novelty.heard(sender, tol_ns, heard.belief.moments().1);
             self.terrain.resample();
         }
         outcome
@@ -110,7 +110,7 @@ impl<const K: usize> Mpf<K> {
         else {
             return 1.0;
         };
-        let (theirs, covariance_m2) = heard.said.moments();
+        let (theirs, covariance_m2) = heard.belief.moments();
         let core = &self.terrain.state.core;
         let (own, _) = core.cloud.position_moments();
         let (de, dn) = (own[0] - theirs[0], own[1] - theirs[1]);
@@ -186,12 +186,12 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = self.terrain.diagnostics();
+        let mut columns = self.terrain.diagnostics();
         if self.options.range.is_some() {
             let heard = self.link.range_novelty.last_heard();
-            said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+            columns.extend(teammates(self.terrain.state.core.now_ns(), heard));
         }
-        said
+        columns
     }
 
     fn information_nat(&self) -> f64 {

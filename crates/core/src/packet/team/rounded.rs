@@ -2,7 +2,7 @@
 
 use super::layout::{COUNTER, DIFFERENCE_BITS, HEARD_BITS, PIECE_BITS, SPACINGS_S, TeamLayout};
 use super::report::{
-    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
+    FixContent, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
 };
 use crate::packet::{
     BitReader, BitWriter, CRC_BYTES, FixedField, ModuloField, PacketError, PacketKind, Rounding, SigmaField,
@@ -330,9 +330,9 @@ fn write_fix(fix: &ReportedFix, writer: &mut BitWriter) -> Result<(), PacketErro
     let code = (steps / f64::from(1u32 << scale)).round().min(1023.0);
     FIX_AGE_SCALE.write(writer, scale)?;
     FIX_AGE.write(writer, code as u64)?;
-    let (start, field, pair) = match fix.said {
-        FixSays::Start(since_m) => (1, SINCE, since_m),
-        FixSays::Residual(residual_m) => (0, RESIDUAL, residual_m),
+    let (start, field, pair) = match fix.content {
+        FixContent::Start(since_m) => (1, SINCE, since_m),
+        FixContent::Residual(residual_m) => (0, RESIDUAL, residual_m),
     };
     FIX_IS_START.write(writer, start)?;
     pair.into_iter().try_for_each(|x| field.write(writer, x))?;
@@ -343,10 +343,10 @@ fn write_fix(fix: &ReportedFix, writer: &mut BitWriter) -> Result<(), PacketErro
 fn read_fix(reader: &mut BitReader) -> Result<ReportedFix, PacketError> {
     let scale = FIX_AGE_SCALE.read(reader)?;
     let age_s = FIX_AGE.read(reader)? as f64 * FIX_AGE_STEP_S * (1u64 << scale) as f64;
-    let said = if FIX_IS_START.read(reader)? == 1 {
-        FixSays::Start([SINCE.read(reader)?, SINCE.read(reader)?])
+    let content = if FIX_IS_START.read(reader)? == 1 {
+        FixContent::Start([SINCE.read(reader)?, SINCE.read(reader)?])
     } else {
-        FixSays::Residual([RESIDUAL.read(reader)?, RESIDUAL.read(reader)?])
+        FixContent::Residual([RESIDUAL.read(reader)?, RESIDUAL.read(reader)?])
     };
-    Ok(ReportedFix { age_s, said, sigma_m: FIX_SIGMA.read(reader)? })
+    Ok(ReportedFix { age_s, content, sigma_m: FIX_SIGMA.read(reader)? })
 }
