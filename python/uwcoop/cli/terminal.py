@@ -84,15 +84,17 @@ def terminal(*, err: bool = False) -> Console:
 
 
 def print_run(result: RunResult, console: Console) -> None:
-    """The table of a run."""
+    """The table of a run, and below it what each navigator has no use for."""
     from uwcoop.navigators import not_realisable
-    from uwcoop.report.result_tables import summary_table
+    from uwcoop.report.result_tables import summary_table, unused_lines
 
     summary = result.summary
     marked = not_realisable(summary["navigators"])
     console.print(
         summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked)
     )
+    for line in unused_lines(summary):
+        console.print(line)
 
 
 def print_notes(log: MissionLog) -> None:

@@ -155,6 +155,13 @@ class TerrainOptions(FilterOptions, method="mpf"):
     """Least distance between the soundings that are used."""
     least_ess_share: float = FROM_CORE
     """A sounding that would leave a smaller effective share of the particles has its sigma doubled, six times at most."""
+    acquisition_sigma_m: float = FROM_CORE
+    """A start known to less than this (sigma along the longer axis) is searched for with many particles, and so is a
+    position whose sigma grew to more than twice as much, and beyond what its particles can hold."""
+    acquisition_particles: int = FROM_CORE
+    """Particles while the position is searched for, at most."""
+    start_anywhere: bool = FROM_CORE
+    """Where no fix comes before the first sounding, begin anywhere on the chart."""
     bias_states: bool = FROM_CORE
     """Compass and thrust bias as further Kalman states."""
     monitor: bool = FROM_CORE

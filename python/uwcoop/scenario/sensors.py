@@ -111,8 +111,9 @@ class StartFix(Table):
     """A GPS fix before submerging: uniform in a disc around the true start (Tan et al. 2016, section 5)."""
 
     at_start: bool = True
-    """False: the vehicle starts without one."""
+    """False: the vehicle starts without one; see `start_anywhere` of `mpf` and `team`."""
     radius_m: Positive = 10.0
+    """Of the disc; beyond twice `acquisition_sigma_m` (40 m), `mpf` and `team` search for the position."""
 
 
 class Gps(Table):
