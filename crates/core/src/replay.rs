@@ -41,7 +41,7 @@ struct Arrival {
     bytes: Arc<[u8]>,
 }
 
-/// Where a replay stands; all of it goes into a snapshot.
+/// State of a replay; all of it is in a snapshot.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct Cursor {
     event: usize,
@@ -59,7 +59,7 @@ pub struct Replay {
     record: Record,
 }
 
-/// A packet and what it takes of the channel.
+/// A packet and its use of the channel.
 struct Launched {
     bytes: Arc<[u8]>,
     length: usize,
@@ -208,7 +208,7 @@ impl Replay {
         Ok(Launched { bytes, length, frames, air_time_ns })
     }
 
-    /// A transmit slot: ask for the packet, and let the mission's draws say who hears it.
+    /// A transmit slot: asks for the packet; the mission's draws decide which vehicles receive it.
     fn slot(&mut self) -> Result<(), Error> {
         let slot = self.mission.slots.slots()[self.cursor.slot];
         self.cursor.slot += 1;

@@ -1,4 +1,4 @@
-"""What every part of a replay agrees on: names, instants, depths, colours, and how the scene is scaled."""
+"""Shared by all parts of a replay: names, instants, depths, colours, and the scale of the scene."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Stage:
 
     @property
     def root(self) -> str:
-        """The scene's entity; its name says how much heights are stretched."""
+        """The scene's entity; its name states the vertical exaggeration."""
         return "scene" if self.exaggeration == 1 else f"scene_depth_x{self.exaggeration}"
 
     @property

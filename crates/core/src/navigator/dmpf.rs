@@ -194,7 +194,7 @@ impl Dmpf {
         };
         let outcome = self.state.core.range(&heard, toa_ns, &range);
         if outcome == Outcome::Fused {
-            self.state.last_heard.keep(sender, tol_ns, heard.said.moments().1);
+            self.state.last_heard.keep(sender, tol_ns, heard.belief.moments().1);
             self.resample();
         }
         outcome
@@ -321,11 +321,11 @@ impl Navigator for Dmpf {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = self.state.core.diagnostics();
+        let mut columns = self.state.core.diagnostics();
         if self.options.range.is_some() {
-            said.extend(teammates(self.state.core.now_ns(), self.state.last_heard.all()));
+            columns.extend(teammates(self.state.core.now_ns(), self.state.last_heard.all()));
         }
-        said
+        columns
     }
 
     fn information_nat(&self) -> f64 {

@@ -100,7 +100,7 @@ impl<const K: usize> Mpf<K> {
         let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
-            self.link.last_heard.keep(sender, tol_ns, heard.said.moments().1);
+            self.link.last_heard.keep(sender, tol_ns, heard.belief.moments().1);
             self.terrain.resample();
         }
         outcome
@@ -115,7 +115,7 @@ impl<const K: usize> Mpf<K> {
         else {
             return Outcome::Noted;
         };
-        self.terrain.acquire_range(heard.said.summary(heard.range_m, moved_m, range.sigma_m), temper)
+        self.terrain.acquire_range(heard.belief.summary(heard.range_m, moved_m, range.sigma_m), temper)
     }
 
     /// Share of this belief that counts: all of it, or what is new beside a standing error.
@@ -123,7 +123,7 @@ impl<const K: usize> Mpf<K> {
         let (true, Some(before)) = (self.options.range_novelty, self.link.last_heard.of(sender)) else {
             return 1.0;
         };
-        let (theirs, covariance_m2) = heard.said.moments();
+        let (theirs, covariance_m2) = heard.belief.moments();
         let core = &self.terrain.state.core;
         let (own, _) = core.cloud.position_moments();
         let (de, dn) = (own[0] - theirs[0], own[1] - theirs[1]);
@@ -200,11 +200,11 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = self.terrain.diagnostics();
+        let mut columns = self.terrain.diagnostics();
         if self.options.range.is_some() {
-            said.extend(teammates(self.terrain.state.core.now_ns(), self.link.last_heard.all()));
+            columns.extend(teammates(self.terrain.state.core.now_ns(), self.link.last_heard.all()));
         }
-        said
+        columns
     }
 
     fn information_nat(&self) -> f64 {

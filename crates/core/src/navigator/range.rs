@@ -131,7 +131,7 @@ impl<const K: usize> ParticleCore<K> {
             self.rejected += 1;
             return Outcome::Rejected;
         };
-        let belief = heard.said.summary(heard.range_m, moved, options.sigma_m);
+        let belief = heard.belief.summary(heard.range_m, moved, options.sigma_m);
         let late = options.clock.late();
         if options.gate_sigmas.is_finite() && self.contradicts(&belief, options.gate_sigmas, late.as_ref()) {
             self.rejected += 1;
@@ -140,7 +140,7 @@ impl<const K: usize> ParticleCore<K> {
         let prior_nat = options.entropy_sigma_m.map(|sigma_m| self.entropy(sigma_m));
         let mut column = self.cloud.likelihood_column();
         column.fill(0.0);
-        match (options.method, &heard.said) {
+        match (options.method, &heard.belief) {
             (RangeMethod::Gaussian { temper }, BroadcastBelief::Mixture(modes)) => {
                 let modes: Vec<(f64, RangeBelief)> = modes
                     .iter()

@@ -14,7 +14,7 @@ use crate::packet::landmark::{ExchangeFormat, ExchangeSize};
 pub struct LandmarkOptions {
     /// Standard deviations of the acoustic channels; the thresholds are not used.
     pub acoustics: Acoustics,
-    /// ε and the widths of the outliers' densities; `None` believes every measurement.
+    /// ε and the widths of the outliers' densities; `None`: no outliers, every measurement has full weight.
     pub outliers: Option<(f64, [f64; 3])>,
     /// Whether acoustic fixes are used at all; without, this is dead reckoning.
     pub use_fixes: bool,

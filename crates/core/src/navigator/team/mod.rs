@@ -273,16 +273,16 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = self.terrain.diagnostics();
+        let mut columns = self.terrain.diagnostics();
         let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
         let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
-        said.extend(teammates(self.terrain.state.core.now_ns(), heard));
-        said.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
+        columns.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        columns.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
         if self.lone.is_some() {
-            said.extend(self.state.referee.diagnostics());
+            columns.extend(self.state.referee.diagnostics());
         }
-        said.extend(self.clock_diagnostics());
-        said
+        columns.extend(self.clock_diagnostics());
+        columns
     }
 
     fn information_nat(&self) -> f64 {

@@ -1,6 +1,6 @@
 //! The field of a fix: its age, whether it is the start, what it says, its sigma.
 
-use super::report::{FixSays, ReportedFix};
+use super::report::{FixContent, ReportedFix};
 use crate::packet::{
     BitReader, BitWriter, FixedField, PacketError, Rounding, SigmaField, UnsignedField, field,
 };
@@ -59,9 +59,9 @@ pub(super) fn write_fix(fix: &ReportedFix, writer: &mut BitWriter) -> Result<(),
     let code = (steps / f64::from(1u32 << scale)).round().min(1023.0);
     FIX_AGE_SCALE.write(writer, scale)?;
     FIX_AGE.write(writer, code as u64)?;
-    let (start, field, pair) = match fix.said {
-        FixSays::Start(since_m) => (1, SINCE, since_m),
-        FixSays::Residual(residual_m) => (0, RESIDUAL, residual_m),
+    let (start, field, pair) = match fix.content {
+        FixContent::Start(since_m) => (1, SINCE, since_m),
+        FixContent::Residual(residual_m) => (0, RESIDUAL, residual_m),
     };
     FIX_IS_START.write(writer, start)?;
     pair.into_iter().try_for_each(|x| field.write(writer, x))?;
@@ -72,11 +72,11 @@ pub(super) fn write_fix(fix: &ReportedFix, writer: &mut BitWriter) -> Result<(),
 pub(super) fn read_fix(reader: &mut BitReader) -> Result<ReportedFix, PacketError> {
     let scale = FIX_AGE_SCALE.read(reader)?;
     let age_s = FIX_AGE.read(reader)? as f64 * FIX_AGE_STEP_S * (1u64 << scale) as f64;
-    let said = if FIX_IS_START.read(reader)? == 1 {
-        FixSays::Start([SINCE.read(reader)?, SINCE.read(reader)?])
+    let content = if FIX_IS_START.read(reader)? == 1 {
+        FixContent::Start([SINCE.read(reader)?, SINCE.read(reader)?])
     } else {
-        FixSays::Residual([RESIDUAL.read(reader)?, RESIDUAL.read(reader)?])
+        FixContent::Residual([RESIDUAL.read(reader)?, RESIDUAL.read(reader)?])
     };
     let code = reader.take(FIX_SIGMA.name, FIX_SIGMA.bits)? as u32;
-    Ok(ReportedFix { age_s, said, sigma_m: fix_sigma_m(code) })
+    Ok(ReportedFix { age_s, content, sigma_m: fix_sigma_m(code) })
 }

@@ -8,7 +8,7 @@ mod rounded;
 
 pub use layout::{SPACINGS_S, TeamLayout};
 pub use report::{
-    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
+    FixContent, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
 };
 
 use super::{BitReader, CRC_BYTES, Header, PacketError, PacketKind, check_crc};
