@@ -75,7 +75,8 @@ def check_size(rows: int, cols: int) -> None:
     if rows * cols > MAX_NODES:
         raise ChartError(
             f"chart grid of {rows} x {cols} = {rows * cols:,} nodes is above {MAX_NODES:,}: "
-            "give the mission's area, or choose a larger cell"
+            "give the mission's area (--area, chart.area; a scenario whose every path is in degrees tells it), or "
+            "choose a larger cell"
         )
 
 
