@@ -44,7 +44,7 @@ GATED = {"range_gate_sigmas": 1.0}
 
 SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
     ("modes",): {"packet": "modes"},
-    ("range_temper",): {"range_method": "gaussian"},
+    ("range_temper", "clock"): {"range_method": "gaussian"},
     ("consensus_window", "consensus_quorum", "consensus_agree", "consensus_disagree"): {
         "recovery_by": "consensus"
     },
@@ -112,6 +112,8 @@ CHANGED: dict[str, Any] = {
     "monitor_clip": 0.5,
     "monitor_repeat_s": 6.0,
     "sigma_range_m": 25.0,
+    "clock": {"late_share": 0.5},
+    "referee_nat": 0.0,
     "health_loss_max": 0.0,
     "speed_max_mps": 0.06,
     "bend_sigmas": 0.02,
@@ -170,6 +172,8 @@ def mission(kind: str) -> MissionLog:
 
 
 def toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(one)}" for key, one in value.items()) + "}"
     return json.dumps(value)
 
 

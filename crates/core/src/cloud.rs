@@ -86,6 +86,16 @@ impl<const K: usize> Cloud<K> {
         self.east.len()
     }
 
+    /// Whether all columns have one length; a snapshot's may not.
+    #[must_use]
+    pub fn is_consistent(&self) -> bool {
+        let n = self.len();
+        let full = [&self.north, &self.log_weights, &self.weights];
+        full.into_iter().chain(&self.linear).all(|c| c.len() == n)
+            && [&self.offset, &self.offset_variance].iter().all(|c| c.len() == n || c.is_empty())
+            && self.offset.len() == self.offset_variance.len()
+    }
+
     /// True for a cloud without particles.
     #[must_use]
     pub fn is_empty(&self) -> bool {
@@ -229,6 +239,42 @@ impl<const K: usize> Cloud<K> {
         self.equalise();
     }
 
+    /// Becomes `count` equally weighted particles drawn from `source` at regular steps of its summed weights, so that two
+    /// draws of one cloud differ by at most one copy of a particle.
+    pub fn draw_from(&mut self, source: &Self, count: usize, stream: &Stream) {
+        let mut start = [0.0];
+        stream.uniforms(0, &mut start);
+        self.scratch.ancestors.clear();
+        let (mut sum, step) = (0.0, 1.0 / count as f64);
+        for (i, weight) in source.weights.iter().enumerate() {
+            sum += weight;
+            // Rounding may leave the sum a little below 1: the last particle takes what is left.
+            let until = if i + 1 == source.len() { f64::INFINITY } else { sum };
+            while self.scratch.ancestors.len() < count
+                && (self.scratch.ancestors.len() as f64 + start[0]) * step < until
+            {
+                self.scratch.ancestors.push(i as u32);
+            }
+        }
+        let ancestors = &self.scratch.ancestors;
+        let take = |to: &mut Vec<f64>, from: &[f64]| {
+            to.clear();
+            to.extend(ancestors.iter().map(|a| from[*a as usize]));
+        };
+        take(&mut self.east, &source.east);
+        take(&mut self.north, &source.north);
+        for (to, from) in self.linear.iter_mut().zip(&source.linear) {
+            take(to, from);
+        }
+        if !source.offset.is_empty() {
+            take(&mut self.offset, &source.offset);
+            take(&mut self.offset_variance, &source.offset_variance);
+        }
+        self.weights.resize(count, 0.0);
+        self.log_weights.resize(count, 0.0);
+        self.equalise();
+    }
+
     /// Whom each particle was copied from in the last [`Cloud::resample`].
     #[must_use]
     pub fn ancestors(&self) -> &[u32] {
@@ -317,5 +363,32 @@ mod columns {
         columns.try_into().map_err(|c: Vec<_>| {
             D::Error::custom(format!("{} linear columns where {K} are expected", c.len()))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Purpose, Streams};
+
+    #[test]
+    fn a_draw_copies_each_particle_by_its_weight() {
+        let mut source = Cloud::<2>::new(5);
+        source.add_offset();
+        source.east = vec![0.0, 1.0, 2.0, 3.0, 4.0];
+        source.offset = vec![0.0, 0.1, 0.2, 0.3, 0.4];
+        let shares = [0.0f64, 0.1, 0.2, 0.3, 0.4];
+        assert!(source.reweight(shares.iter().map(|s| s.ln()).collect()));
+        for step in 0..50 {
+            let mut drawn = Cloud::<2>::new(0);
+            drawn.draw_from(&source, 1003, &Streams::new(3, 0).at(Purpose::Acquisition, step));
+            assert!(drawn.is_consistent() && drawn.len() == 1003);
+            assert!((drawn.weights()[7] - 1.0 / 1003.0).abs() < 1e-15 && (drawn.ess() - 1003.0).abs() < 1e-9);
+            for (k, share) in shares.iter().enumerate() {
+                let copies = drawn.east.iter().filter(|e| **e == k as f64).count() as f64;
+                assert!((copies - 1003.0 * share).abs() <= 1.0, "{copies} of {k}");
+            }
+            assert!(drawn.east.iter().zip(&drawn.offset).all(|(e, b)| (b - 0.1 * e).abs() < 1e-12));
+        }
     }
 }

@@ -23,6 +23,8 @@ pub enum Purpose {
     Belief = 5,
     /// Spread after an alarm of the health monitor.
     Recovery = 6,
+    /// Everything about the particles of an acquisition.
+    Acquisition = 7,
 }
 
 /// The random streams of one navigator.

@@ -186,3 +186,33 @@ fn steep_soundings_take_a_larger_step_and_missing_ones_are_missing() {
     report.pieces_m[1] = [f64::NAN, 0.0];
     assert!(matches!(report.encode(&layout, SENDER, TOL), Err(PacketError::NotFinite { .. })));
 }
+
+proptest! {
+    #[test]
+    fn the_sigma_of_a_fix_reaches_a_thousand_metres_and_is_never_understated(sigma_m in 0.0..1000.0f64) {
+        let layout = layout(3, 32);
+        let mut report = TeamReport { window_s: 10.0, ..TeamReport::default() };
+        report.pieces_m.extend([[1.0, 2.0]; 3]);
+        report.fix = Some(ReportedFix { age_s: 1.0, said: FixSays::Start([0.0; 2]), sigma_m });
+        let bytes = report.encode(&layout, SENDER, TOL).unwrap();
+        prop_assert_eq!(bytes.len(), layout.payload_bytes() + 2);
+        let mut read = TeamReport::default();
+        read.decode(&bytes, &layout, SENDER, TOL).unwrap();
+        let found = read.fix.unwrap().sigma_m;
+        // Quarter octaves where starts are known, whole ones beyond 16 m.
+        let step = if sigma_m <= 16.0 { 2f64.powf(0.25) } else { 2.0 };
+        prop_assert!(found >= sigma_m && found <= (sigma_m * step * 1.000001).max(0.25), "{} as {}", sigma_m, found);
+    }
+}
+
+#[test]
+fn a_sigma_that_no_fix_has_is_refused() {
+    let layout = layout(3, 32);
+    for sigma_m in [2048.1, f64::INFINITY, f64::NAN, -1.0] {
+        let mut report = TeamReport { window_s: 10.0, ..TeamReport::default() };
+        report.pieces_m.extend([[1.0, 2.0]; 3]);
+        report.fix = Some(ReportedFix { age_s: 1.0, said: FixSays::Start([0.0; 2]), sigma_m });
+        let refused = report.encode(&layout, SENDER, TOL).unwrap_err();
+        assert!(refused.to_string().contains("sigma of a fix"), "{refused}");
+    }
+}

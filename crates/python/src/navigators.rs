@@ -58,13 +58,14 @@ impl Estimate {
         self.inner.rejected
     }
 
-    /// `not started`, `navigating` or `off chart`.
+    /// `not started`, `navigating`, `off chart` or `acquiring`.
     #[getter]
     fn status(&self) -> &'static str {
         match self.inner.status {
             Status::NotStarted => "not started",
             Status::Navigating => "navigating",
             Status::OffChart => "off chart",
+            Status::Acquiring => "acquiring",
         }
     }
 

@@ -150,6 +150,7 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
     dict.set_item("yaw_covariance", flat3(tracks.yaw_covariance).reshape([shape[0], shape[1], 3])?)?;
     dict.set_item("ess", tracks.ess.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("rejected", tracks.rejected.into_pyarray(py).reshape(shape)?)?;
+    dict.set_item("acquiring", tracks.acquiring.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("unsent", tracks.unsent.into_pyarray(py).reshape(shape)?)?;
     dict.set_item("off_chart", tracks.off_chart.into_pyarray(py).reshape(shape)?)?;
     let diagnostics = PyDict::new(py);
@@ -157,6 +158,7 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
         diagnostics.set_item(name, column.into_pyarray(py).reshape(shape)?)?;
     }
     dict.set_item("diagnostics", diagnostics)?;
+    dict.set_item("unused", tracks.unused)?;
     let column = |f: fn(&uwcoop_core::replay::PacketRecord) -> i64| {
         tracks.packets.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
     };

@@ -7,6 +7,7 @@ pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
 pub mod landmark;
+pub mod last_heard;
 pub mod mpf;
 pub mod origin;
 pub mod packaged;
@@ -53,6 +54,8 @@ pub enum Status {
     Navigating,
     /// Off the chart or over a hole: dead reckoning until the chart is back.
     OffChart,
+    /// The position is known too little to navigate by: the whole region where the vehicle may be is searched.
+    Acquiring,
 }
 
 /// Belief of one vehicle about its own pose.

@@ -111,7 +111,7 @@ impl BroadcastBelief {
 
     /// One Gaussian with the moments of what was said. Particles are where the vehicle is now, the range holds for where
     /// it was at arrival: the belief is moved along by the displacement since.
-    fn summary(&self, range_m: f64, moved_m: [f64; 2], sigma_m: f64) -> RangeBelief {
+    pub(super) fn summary(&self, range_m: f64, moved_m: [f64; 2], sigma_m: f64) -> RangeBelief {
         let (mean, covariance_m2) = self.moments();
         RangeBelief { mean_m: [mean[0] + moved_m[0], mean[1] + moved_m[1]], covariance_m2, range_m, sigma_m }
     }

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{Estimators, Poll};
-use crate::event::VehicleId;
+use crate::event::{Kind, VehicleId};
 use crate::navigator::{Estimate, Status};
 
 /// One packet at one receiver.
@@ -68,8 +68,13 @@ pub struct Tracks {
     pub unsent: Vec<u64>,
     /// Whether the vehicle said it had no chart to go by.
     pub off_chart: Vec<bool>,
+    /// Whether the vehicle was searching for its position.
+    pub acquiring: Vec<bool>,
     /// What navigators said of themselves, a column for each name; NaN where one said nothing of the kind.
     pub diagnostics: BTreeMap<String, Vec<f64>>,
+    /// Events by the name of their kind that no estimate or packet can depend on: its navigator does not use the kind
+    /// ([`Profile::uses`](crate::navigator::Profile)).
+    pub unused: BTreeMap<String, u64>,
     /// (vehicle, TOL, bytes) of every packet sent; an answer to a poll with what it carries beside the packet.
     pub sent: Vec<(VehicleId, i64, u32)>,
     /// Every poll of two-way ranging, heard or not.
@@ -106,6 +111,7 @@ impl Record {
             rejected: vec![0; n],
             unsent: vec![0; n],
             off_chart: vec![false; n],
+            acquiring: vec![false; n],
             ..Tracks::default()
         };
         Self { tracks, sample_ns, cloud_every, unsent: vec![0; vehicles] }
@@ -149,6 +155,7 @@ impl Record {
         tracks.ess[at] = estimate.ess.unwrap_or(f64::NAN);
         tracks.rejected[at] = estimate.rejected;
         tracks.off_chart[at] = estimate.status == Status::OffChart;
+        tracks.acquiring[at] = estimate.status == Status::Acquiring;
     }
 
     fn diagnose(&mut self, at: usize, said: &[(&'static str, f64)]) {
@@ -187,6 +194,16 @@ impl Record {
     /// Writes down that a slot stayed silent because what its sender had to say did not fit.
     pub fn unsent(&mut self, sender: VehicleId) {
         if let Some(count) = self.unsent.get_mut(usize::from(sender)) {
+            *count = count.saturating_add(1);
+        }
+    }
+
+    /// Counts an event of a kind that its navigator does not use.
+    pub fn unused(&mut self, kind: Kind) {
+        if !self.tracks.unused.contains_key(kind.name()) {
+            self.tracks.unused.insert(kind.name().to_owned(), 0);
+        }
+        if let Some(count) = self.tracks.unused.get_mut(kind.name()) {
             *count = count.saturating_add(1);
         }
     }

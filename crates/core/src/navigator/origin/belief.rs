@@ -13,10 +13,11 @@ use super::graph::Graph;
 use super::local_options::LocalOptions;
 use super::range::Range;
 use super::sensors::{LOCAL_SENSORS, check_local_event};
-use crate::error::{Error, positive};
+use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
 use crate::navigator::radio::{BroadcastBelief, HeardBelief, Radio};
+use crate::navigator::settings::{BeliefSettings, Settings, check_all};
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::{Belief, PacketKind};
@@ -81,7 +82,7 @@ impl BeliefNavigator {
         options: BeliefOptions,
         sound_speed_mps: f64,
     ) -> Result<Self, Error> {
-        positive("process_noise_factor", options.process_noise_factor)?;
+        check_all(&BeliefSettings::bounds(), &[("process_noise_factor", options.process_noise_factor)])?;
         let mut local = options.local;
         local.process_noise_m2_per_s3 *= options.process_noise_factor;
         local.process_noise_dvl_m2_per_s3 *= options.process_noise_factor;

@@ -8,6 +8,9 @@ use crate::chart::Chart;
 use crate::navigator::drift::Drift;
 use crate::navigator::terrain_core::{MonitorOptions, TerrainOptions};
 
+/// Bound of a cloud's size.
+pub const PARTICLES: Bounded = ("particles", Bound::between(10.0, 1e7, "10 to 10,000,000"));
+
 /// Cloud, datum offset, soundings, health monitor. Drift stands beside it: serde refuses unknown options only where
 /// flattened structures are not nested.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -32,6 +35,13 @@ pub struct TerrainSettings {
     pub sounding_spacing_m: f64,
     /// A sounding that would leave a smaller effective share of the particles has its sigma doubled, six times at most.
     pub least_ess_share: f64,
+    /// A start known to less than this, along the longer axis, is searched for; so is a cloud that grew to more than twice
+    /// as much, and beyond what its particles can hold, m.
+    pub acquisition_sigma_m: f64,
+    /// Particles while the position is searched for, at most.
+    pub acquisition_particles: usize,
+    /// Begin anywhere on the chart at the first sounding, where no fix came before it.
+    pub start_anywhere: bool,
     /// Compass and thrust bias as further Kalman states.
     pub bias_states: bool,
     /// Spread the cloud when its soundings have contradicted it for long.
@@ -78,6 +88,9 @@ impl Default for TerrainSettings {
             sigma_map_m: None,
             sounding_spacing_m: 0.0,
             least_ess_share: 0.02,
+            acquisition_sigma_m: 20.0,
+            acquisition_particles: 20_000,
+            start_anywhere: false,
             bias_states: false,
             monitor: true,
             monitor_forgetting: 0.05,
@@ -97,7 +110,7 @@ impl TerrainSettings {
     #[must_use]
     pub fn bounds() -> Vec<Bounded> {
         let own = [
-            ("particles", Bound::between(10.0, 1e7, "10 to 10,000,000")),
+            PARTICLES,
             ("resample_share", Bound::SHARE),
             ("sigma_depth_m", Bound::POSITIVE),
             ("sigma_offset0_m", Bound::POSITIVE),
@@ -107,6 +120,8 @@ impl TerrainSettings {
             ("sigma_map_m", Bound::NON_NEGATIVE),
             ("sounding_spacing_m", Bound::NON_NEGATIVE),
             ("least_ess_share", Bound::between(0.0, 0.5, "0 to 0.5")),
+            ("acquisition_sigma_m", Bound::POSITIVE),
+            ("acquisition_particles", Bound::between(10.0, 1e7, "10 to 10,000,000")),
             ("monitor_forgetting", Bound::SHARE),
             ("monitor_clip", Bound::POSITIVE),
             ("monitor_alarm", Bound::POSITIVE),
@@ -145,6 +160,9 @@ impl TerrainSettings {
             sigma_map_m: self.sigma_map_m,
             sounding_spacing_m: self.sounding_spacing_m,
             least_ess_share: self.least_ess_share,
+            acquisition_sigma_m: self.acquisition_sigma_m,
+            acquisition_particles: self.acquisition_particles,
+            start_anywhere: self.start_anywhere,
             monitor: self.monitor.then_some(MonitorOptions {
                 forgetting: self.monitor_forgetting,
                 clip: self.monitor_clip,

@@ -25,13 +25,12 @@ pub use options::TeamOptions;
 use std::sync::Arc;
 
 use super::diagnostics::teammates;
-use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, non_negative, positive};
+use crate::error::{Error, non_negative};
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
 use crate::kernels::team::BlockLayout;
@@ -87,7 +86,7 @@ impl<const K: usize> Team<K> {
         sound_speed_mps: f64,
         seed: u64,
     ) -> Result<Self, Error> {
-        positive("sigma_range_m", options.sigma_range_m)?;
+        options.validate()?;
         non_negative("referee_nat", options.referee_nat)?;
         options.clock.validate()?;
         if vehicles > usize::from(TEAM_MAX) {
@@ -97,11 +96,6 @@ impl<const K: usize> Team<K> {
         if options.drifts.len() != vehicles {
             let found = options.drifts.len();
             return Err(Error::Length { quantity: "drifts of the team", found, expected: vehicles });
-        }
-        options.drifts.iter().try_for_each(Drift::validate)?;
-        if !(1..=15).contains(&options.group_size) {
-            let value = options.group_size as f64;
-            return Err(Error::OutOfBound { quantity: "group_size", value, bound: "1 to 15" });
         }
         let overhead = if options.tag_bytes > 0 { options.tag_bytes } else { CRC_BYTES };
         let layout = TeamLayout::new(vehicles, options.frame_bytes.saturating_sub(overhead))?;
@@ -165,30 +159,35 @@ impl<const K: usize> Team<K> {
 
     /// The own particles make a step, and what must know of it is told.
     fn advance(&mut self, t_ns: i64) {
-        let core = &mut self.terrain.state.core;
-        let Some(before_ns) = core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
-            core.advance(t_ns);
+        let Some(before_ns) = self.terrain.state.core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
+            self.terrain.advance(t_ns);
             return;
         };
-        let covariance = core.covariance;
+        let covariance = self.terrain.state.core.covariance;
         if let Some(current) = &mut self.state.current {
-            current.before(&core.cloud.linear);
+            current.before(&self.terrain.state.core.cloud.linear);
         }
-        let step = core.advance(t_ns);
+        let step = self.terrain.advance(t_ns);
+        let core = &self.terrain.state.core;
         if let Some(current) = &mut self.state.current {
             let dt_s = seconds(t_ns.saturating_sub(before_ns));
             current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
         }
-        if step.is_some() && self.options.use_ranges {
+        if step.is_some() && self.options.use_ranges && !self.terrain.acquiring() {
             self.state.history.remember(t_ns, &core.cloud.east, &core.cloud.north);
         }
     }
 
     fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let restarts = self.terrain.state.core.restarts;
+        let acquiring = self.terrain.acquiring();
         let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
-        if outcome == Outcome::Fused {
+        // Nobody is told of a start before it is found.
+        if outcome == Outcome::Fused && !self.terrain.acquiring() {
             self.state.outgoing.fix(t_ns, position_m, covariance_m2);
+        }
+        if acquiring && !self.terrain.acquiring() {
+            self.found(t_ns);
         }
         if self.terrain.state.core.restarts != restarts {
             self.forget();
@@ -199,9 +198,16 @@ impl<const K: usize> Team<K> {
     }
 
     fn sounding(&mut self, t_ns: i64, water_depth_m: f64, sigma_m: f64) -> Outcome {
-        self.state.outgoing.sounding(t_ns, water_depth_m);
+        // What is no sounding of this seabed is not broadcast either.
+        if self.terrain.possible(water_depth_m, sigma_m) {
+            self.state.outgoing.sounding(t_ns, water_depth_m);
+        }
         self.state.sigma_sounding_m = Some(sigma_m);
+        let acquiring = self.terrain.acquiring();
         let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sigma_m);
+        if acquiring && !self.terrain.acquiring() {
+            self.found(t_ns);
+        }
         if let Some(statistic) = health {
             self.remember_own();
             if self.terrain.watch(statistic) {
@@ -213,6 +219,20 @@ impl<const K: usize> Team<K> {
         }
         self.judge();
         outcome
+    }
+
+    /// The search for the own position has ended: the particles are others than before, and what was found is a start.
+    fn found(&mut self, t_ns: i64) {
+        self.forget();
+        self.state.history.clear();
+        if let Some(current) = &mut self.state.current {
+            *current = SharedCurrent::new(self.options.terrain.particles, self.state.mates.len());
+        }
+        let found = self.terrain.state.core.status == Status::Navigating;
+        if found && !self.state.outgoing.started() {
+            let (mean, covariance) = self.terrain.state.core.cloud.position_moments();
+            self.state.outgoing.fix(t_ns, mean, covariance);
+        }
     }
 
     fn remember_launch(&mut self, tol_ns: i64, sequence: u8) {
@@ -301,13 +321,13 @@ impl<const K: usize> Navigator for Team<K> {
     fn restore(&mut self, snapshot: &[u8]) -> Result<(), Error> {
         type Snapshot<const K: usize> = (TerrainState<K>, Radio, TeamState<K>, Option<TerrainState<K>>);
         let (terrain, radio, state, lone): Snapshot<K> = load(snapshot)?;
-        self.terrain.state.core.check_same(&terrain.core)?;
+        self.terrain.check_same(&terrain)?;
         self.radio.check_same(&radio)?;
         self.state.check_same(&state, self.options.terrain.particles)?;
         match (&mut self.lone, lone) {
             (None, None) => {}
             (Some(lone), Some(theirs)) => {
-                lone.state.core.check_same(&theirs.core)?;
+                lone.check_same(&theirs)?;
                 lone.state = theirs;
             }
             _ => return Err(Error::Snapshot("made with another referee".into())),

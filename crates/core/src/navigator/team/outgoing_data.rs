@@ -74,6 +74,12 @@ impl OutgoingData {
         }
     }
 
+    /// Whether there was a fix that dead reckoning begins at.
+    #[must_use]
+    pub fn started(&self) -> bool {
+        self.start.is_some()
+    }
+
     /// Time passes with a commanded velocity.
     pub fn advance(&mut self, t_ns: i64, velocity_mps: [f64; 2]) {
         let Some(track) = &mut self.track else {

@@ -42,7 +42,8 @@ fn unwrap_near(value: f64, modulus: f64, reference: f64) -> f64 {
 
 impl<const K: usize> Team<K> {
     pub(super) fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
-        if !self.options.use_ranges {
+        // While the own position is searched for, no particle lasts that could carry a teammate.
+        if !self.options.use_ranges || self.terrain.acquiring() {
             return Outcome::Noted;
         }
         if self.read(sender, tol_ns, toa_ns, bytes).is_none() {

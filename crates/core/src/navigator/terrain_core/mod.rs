@@ -2,8 +2,11 @@
 //! (tide). Absolute depth is used once per sounding, tempered by the distance over which the chart's error stays itself,
 //! with Student tails; a health monitor spreads a cloud that no longer explains its soundings.
 
+mod acquiring;
+mod acquisition;
 mod monitor;
 mod options;
+mod search_region;
 mod sounding;
 
 pub use options::{MonitorOptions, TerrainOptions};
@@ -19,6 +22,8 @@ use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::weights::{weighted_covariance, weighted_mean};
 use crate::random::{Purpose, Streams};
+use acquisition::Acquisition;
+use search_region::SearchRegion;
 use sounding::SoundingScratch;
 
 /// The core, with K = 2 (current) or 4 (and compass and thrust bias) linear states.
@@ -42,6 +47,10 @@ pub struct TerrainState<const K: usize> {
     health: f64,
     alarms: u64,
     last_alarm_ns: Option<i64>,
+    /// The search for the position, while it is known too little.
+    acquisition: Option<Box<Acquisition<K>>>,
+    /// Where the vehicle may be by its wide start and dead reckoning; none for one that never was acquired.
+    region: Option<SearchRegion<K>>,
 }
 
 impl<const K: usize> TerrainCore<K> {
@@ -61,7 +70,15 @@ impl<const K: usize> TerrainCore<K> {
         Ok(Self {
             options,
             chart,
-            state: TerrainState { core, sounded_at_m: None, health: 1.0, alarms: 0, last_alarm_ns: None },
+            state: TerrainState {
+                core,
+                sounded_at_m: None,
+                health: 1.0,
+                alarms: 0,
+                last_alarm_ns: None,
+                acquisition: None,
+                region: None,
+            },
             scratch: SoundingScratch::default(),
         })
     }
@@ -96,17 +113,22 @@ impl<const K: usize> TerrainCore<K> {
     /// A fix up to its weights: resampling is left to the caller.
     pub fn weigh_fix(&mut self, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let core = &mut self.state.core;
-        let fresh = !core.started();
+        let (fresh, restarts) = (!core.started(), core.restarts);
         let outcome = core.fix(position_m, covariance_m2);
         if fresh {
             core.cloud.offset_variance.fill(self.options.sigma_offset0_m.powi(2));
+        }
+        if fresh || core.restarts != restarts {
+            self.begin_at(position_m, covariance_m2);
+        } else if outcome == Outcome::Fused {
+            self.take_up_fix(position_m, covariance_m2);
         }
         outcome
     }
 
     /// Advances to an event that was checked, and takes up what concerns a filter that hears nobody.
     pub fn handle(&mut self, event: &Event) -> Outcome {
-        self.state.core.advance(event.t_ns);
+        self.advance(event.t_ns);
         match &event.payload {
             Payload::Motion { velocity_mps } => {
                 self.state.core.velocity_mps = *velocity_mps;
@@ -146,6 +168,8 @@ impl<const K: usize> TerrainCore<K> {
         mine.sounded_at_m = theirs.sounded_at_m;
         mine.health = theirs.health;
         mine.last_alarm_ns = theirs.last_alarm_ns;
+        mine.acquisition.clone_from(&theirs.acquisition);
+        mine.region.clone_from(&theirs.region);
     }
 
     /// Resamples where the weights call for it (14), and jitters on the joint state.

@@ -16,6 +16,13 @@ impl<const K: usize> TerrainCore<K> {
         if state.health <= monitor.alarm || since_s < monitor.quiet_s {
             return false;
         }
+        if let Some(region) = state.region.clone() {
+            state.health = 1.0;
+            state.alarms += 1;
+            state.last_alarm_ns = Some(now_ns);
+            self.acquire_anew(region);
+            return true;
+        }
         let position_m = if since_s < monitor.repeat_s { monitor.repeat_spread_m } else { monitor.spread_m };
         let mut linear = [0.0; K];
         linear[..2].fill(monitor.spread_current_mps);

@@ -11,7 +11,7 @@ use crate::measurement::sounding::{LEAST_SIGMA_M, sharing_error};
 use crate::navigator::Outcome;
 
 /// A sounding that would leave too few particles is weighed again with twice the sigma, at most so many times.
-const SOFTENINGS: usize = 6;
+pub(super) const SOFTENINGS: usize = 6;
 
 #[derive(Default)]
 pub(super) struct SoundingScratch {
@@ -24,14 +24,37 @@ pub(super) struct SoundingScratch {
     innovation_variance: Vec<f64>,
     /// Of the last sounding, where that was weighed, nat.
     pub(super) evidence_nat: Option<f64>,
+    around: Vec<f64>,
+}
+
+/// What the chart is under the particles and around them, in the mean over them.
+pub(super) struct Around {
+    /// Variance of the chart's error, m².
+    pub map_m2: f64,
+    /// Variance of the depth within the neighbourhoods, m².
+    pub varies_m2: f64,
 }
 
 impl<const K: usize> TerrainCore<K> {
+    /// Whether the chart can have this depth at all, whatever the tide.
+    #[must_use]
+    pub fn possible(&self, water_depth_m: f64, sensor_sigma_m: f64) -> bool {
+        let sigma_m = self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).hypot(self.options.sigma_offset0_m);
+        self.chart.as_ref().is_none_or(|chart| chart.admits(water_depth_m, sigma_m))
+    }
+
     /// A sounding up to its weights; with the health statistic where it was used. Watching and resampling are left to the
     /// caller.
     pub fn weigh_sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> (Outcome, Option<f64>) {
         self.scratch.evidence_nat = None;
-        let core = &mut self.state.core;
+        if self.state.core.started() && !self.possible(water_depth_m, sensor_sigma_m) {
+            self.state.core.rejected += 1;
+            return (Outcome::Gated, None);
+        }
+        if self.options.start_anywhere && !self.state.core.started() {
+            self.start_anywhere();
+        }
+        let core = &self.state.core;
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
             return (Outcome::Noted, None);
         };
@@ -48,6 +71,13 @@ impl<const K: usize> TerrainCore<K> {
             dof: self.options.student_dof,
         };
 
+        self.acquire_if_wide();
+        if self.acquiring() {
+            self.state.sounded_at_m = Some(travelled_m);
+            return (self.acquire_sounding(model, apart_m.unwrap_or(f64::INFINITY), water_depth_m), None);
+        }
+        let core = &mut self.state.core;
+        let Some(chart) = &self.chart else { return (Outcome::Noted, None) };
         let scratch = &mut self.scratch;
         scratch.look_up(chart, &core.cloud.east, &core.cloud.north);
         scratch.sigma_map(self.options.sigma_map_m, chart, &core.cloud.east, &core.cloud.north);
@@ -69,18 +99,73 @@ impl<const K: usize> TerrainCore<K> {
             model.sigma_m *= 2.0;
         }
         self.state.sounded_at_m = Some(travelled_m);
-        for (b, c) in core.cloud.offset.iter_mut().zip(&self.scratch.correction) {
-            *b += c;
-        }
-        core.cloud.offset_variance.copy_from_slice(&self.scratch.variance);
+        self.scratch.correct(&mut core.cloud);
         self.scratch.evidence_nat = core.cloud.reweight_evidence(column);
         (Outcome::Fused, health)
     }
 }
 
 impl SoundingScratch {
+    /// Takes the offsets that the last [`SoundingScratch::weigh`] found.
+    pub(super) fn correct<const K: usize>(&self, cloud: &mut Cloud<K>) {
+        for (b, c) in cloud.offset.iter_mut().zip(&self.correction) {
+            *b += c;
+        }
+        cloud.offset_variance.copy_from_slice(&self.variance);
+    }
+
+    /// Depths under the particles, the chart's error widened by how much the depth varies within `kernel_m` (its variance
+    /// on each axis) of them.
+    pub(super) fn look_up_around<const K: usize>(
+        &mut self,
+        chart: &Chart,
+        cloud: &Cloud<K>,
+        kernel_m: f64,
+        fixed_m: Option<f64>,
+    ) -> Around {
+        let (east, north) = (&cloud.east, &cloud.north);
+        let n = east.len();
+        self.resize(n);
+        self.around.resize(5 * n, 0.0);
+        let grid = chart.grid();
+        let offsets = [[0.0, 0.0], [kernel_m, 0.0], [-kernel_m, 0.0], [0.0, kernel_m], [0.0, -kernel_m]];
+        self.here.set(&grid, offsets.into_iter());
+        let around = &mut self.around;
+        let inside = pattern_depths(&grid, &self.here, east, north, |first, count, k, depths| {
+            for (out, d) in around[k * n + first..k * n + first + count].iter_mut().zip(depths) {
+                *out = f64::from(*d);
+            }
+        });
+        if !inside {
+            for (row, [de, dn]) in around.chunks_mut(n).zip(offsets) {
+                for ((out, e), n) in row.iter_mut().zip(east).zip(north) {
+                    *out = bilinear(&grid, e + de, n + dn);
+                }
+            }
+        }
+        self.depth.copy_from_slice(&self.around[..n]);
+        self.sigma_map(fixed_m, chart, east, north);
+        let weights = cloud.weights();
+        let map_m2 = self.sigma_map.iter().zip(weights).map(|(s, w)| w * s * s).sum();
+        let mut varies_m2 = 0.0;
+        for i in 0..n {
+            let (mut squares, mut known) = (0.0, 0.0);
+            for k in 1..5 {
+                let off = self.around[k * n + i] - self.depth[i];
+                if off.is_finite() {
+                    squares += off * off;
+                    known += 1.0;
+                }
+            }
+            let rho = if known > 0.0 { 2.0 * squares / known } else { 0.0 };
+            varies_m2 += weights[i] * rho;
+            self.sigma_map[i] = (self.sigma_map[i].powi(2) + rho).sqrt();
+        }
+        Around { map_m2, varies_m2 }
+    }
+
     /// Log-likelihood of one sounding for each particle (NaN without a depth) and the offsets that would follow.
-    fn weigh<const K: usize>(
+    pub(super) fn weigh<const K: usize>(
         &mut self,
         model: &OffsetModel,
         cloud: &Cloud<K>,
@@ -125,9 +210,7 @@ impl SoundingScratch {
         if statistic.is_finite() { statistic } else { 0.0 }
     }
 
-    /// Depth under each particle, NaN where there is none.
-    fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
-        let n = east.len();
+    fn resize(&mut self, n: usize) {
         for column in [
             &mut self.depth,
             &mut self.sigma_map,
@@ -138,6 +221,11 @@ impl SoundingScratch {
         ] {
             column.resize(n, 0.0);
         }
+    }
+
+    /// Depth under each particle, NaN where there is none.
+    fn look_up(&mut self, chart: &Chart, east: &[f64], north: &[f64]) {
+        self.resize(east.len());
         let grid = chart.grid();
         self.here.set(&grid, std::iter::once([0.0, 0.0]));
         let depth = &mut self.depth;

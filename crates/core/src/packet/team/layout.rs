@@ -38,7 +38,8 @@ pub const SPACINGS_S: [f64; 8] = [1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0];
 /// | a range for each teammate | 2 + 13 | counter, 1/4 m | 0.25 to 2047.75 m; 0: none | nearest |
 ///
 /// A packet with a fix gives up soundings for it: age 3 + 10 (0.25·2^k s), which of the two 1, residual 2 × 12 (1/8 m,
-/// ±256 m) or displacement since the start 2 × 12 (4 m, ±8192 m), σ 5 (quarter octaves from 1/4 m, up).
+/// ±256 m) or displacement since the start 2 × 12 (4 m, ±8192 m), σ 5 (quarter octaves from 1/4 m to 16 m, whole
+/// ones to 2048 m, up).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TeamLayout {
     pub(super) vehicles: usize,

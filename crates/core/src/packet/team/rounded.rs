@@ -59,6 +59,28 @@ const FIX_IS_START: UnsignedField = UnsignedField { name: "fix at the start", bi
 const FIX_SIGMA: SigmaField =
     SigmaField { name: "sigma of a fix", unit: "m", bits: 5, steps_per_octave: 4, lowest_log2: -2 };
 
+/// From this code of [`FIX_SIGMA`] on, 16 m, a code is a whole octave: the last stands for 2048 m.
+const FIX_SIGMA_COARSE: u32 = 24;
+
+fn fix_sigma_code(sigma_m: f64) -> Result<u32, PacketError> {
+    let (fine_m, last) = (FIX_SIGMA.decode(FIX_SIGMA_COARSE), (1 << FIX_SIGMA.bits) - 1);
+    if sigma_m <= fine_m || !sigma_m.is_finite() {
+        return FIX_SIGMA.encode(sigma_m);
+    }
+    let maximum = fix_sigma_m(last);
+    (FIX_SIGMA_COARSE..=last).find(|code| fix_sigma_m(*code) >= sigma_m).ok_or(PacketError::OutOfRange {
+        field: FIX_SIGMA.name,
+        unit: FIX_SIGMA.unit,
+        value: sigma_m,
+        minimum: 0.0,
+        maximum,
+    })
+}
+
+fn fix_sigma_m(code: u32) -> f64 {
+    FIX_SIGMA.decode(code.min(FIX_SIGMA_COARSE)) * f64::from(1u32 << code.saturating_sub(FIX_SIGMA_COARSE))
+}
+
 /// Steps per metre of a piece at a scale.
 fn piece_steps_per_m(scale: u64) -> f64 {
     POSITION_STEPS_PER_M / (1u64 << scale) as f64
@@ -336,7 +358,7 @@ fn write_fix(fix: &ReportedFix, writer: &mut BitWriter) -> Result<(), PacketErro
     };
     FIX_IS_START.write(writer, start)?;
     pair.into_iter().try_for_each(|x| field.write(writer, x))?;
-    let code = FIX_SIGMA.encode(fix.sigma_m)?;
+    let code = fix_sigma_code(fix.sigma_m)?;
     writer.push(FIX_SIGMA.name, u64::from(code), FIX_SIGMA.bits)
 }
 
@@ -348,5 +370,6 @@ fn read_fix(reader: &mut BitReader) -> Result<ReportedFix, PacketError> {
     } else {
         FixSays::Residual([RESIDUAL.read(reader)?, RESIDUAL.read(reader)?])
     };
-    Ok(ReportedFix { age_s, said, sigma_m: FIX_SIGMA.read(reader)? })
+    let code = reader.take(FIX_SIGMA.name, FIX_SIGMA.bits)? as u32;
+    Ok(ReportedFix { age_s, said, sigma_m: fix_sigma_m(code) })
 }
