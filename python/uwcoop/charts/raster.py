@@ -75,7 +75,7 @@ def check_size(rows: int, cols: int) -> None:
     if rows * cols > MAX_NODES:
         raise ChartError(
             f"chart grid of {rows} x {cols} = {rows * cols:,} nodes is above {MAX_NODES:,}: "
-            "give the mission's area, or choose a larger cell (--area, chart.area; a scenario with every place in degrees "
+            "give the mission's area, or choose a larger cell (--area, chart.area; a scenario with all places in degrees "
             "tells its area by itself)"
         )
 
