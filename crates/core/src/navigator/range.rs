@@ -6,7 +6,9 @@ use super::Outcome;
 use super::clock::ClockOptions;
 use super::particle_core::ParticleCore;
 use super::radio::{BroadcastBelief, HeardBelief};
-use crate::error::{Error, positive};
+use super::settings::check_all;
+use super::settings::range::RangeSettings;
+use crate::error::Error;
 use crate::kernels::likelihood::{
     RangeBelief, add_range_gaussian, add_range_late, misfit_to_log_likelihood, range_eq17,
 };
@@ -51,7 +53,7 @@ impl RangeOptions {
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`].
     pub fn validate(&self) -> Result<(), Error> {
-        positive("sigma_range_m", self.sigma_m)?;
+        check_all(&RangeSettings::BOUNDS, &[("sigma_range_m", self.sigma_m)])?;
         self.clock.validate()?;
         let clock = &self.clock;
         let told = clock.differ() || clock.sound_speed_sigma_mps > 0.0 || clock.late_share > 0.0;

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::model::{Measurement, Pose};
 use super::odometry::Increment;
 use super::pose_algebra::{at_transmit, between, compose, composed_by, inverse_by};
+use crate::information::is_sound;
 use crate::measurement::angle::wrap;
 
 /// Own pose in the landmark's frame (3), landmark's pose in the world (3), gyro bias, DVL scale, DVL misalignment.
@@ -244,10 +245,17 @@ impl Joint {
             return false;
         }
         let gain = self.covariance * rows.transpose() * inverse;
+        let before = self.clone();
         self.mean += gain * innovation;
         self.wrap();
         self.covariance = symmetric(&(self.covariance - gain * s * gain.transpose()));
-        true
+        // A difference of numbers of very different size may be no covariance any more.
+        let (own, covariance) = (self.own(), self.own_covariance());
+        let sound = is_sound(own.iter(), 2, |row, column| covariance[(row, column)]);
+        if !sound {
+            *self = before;
+        }
+        sound
     }
 
     pub(super) fn wrap(&mut self) {

@@ -1,6 +1,7 @@
 //! The packet of `team`: a [`TeamReport`] by a [`TeamLayout`], rounded or as `f64`.
 
 mod exact;
+mod fix_field;
 mod layout;
 mod report;
 mod rounded;
