@@ -159,7 +159,7 @@ def test_bytes_give_back_every_bit(grid: Any, per_node: bool) -> None:
 def test_damaged_bytes_are_refused() -> None:
     packed = a_chart().to_bytes()
     for damaged in (b"", b"chart", packed[: len(packed) // 2], packed[:60] + b"xxxx" + packed[64:]):
-        with pytest.raises(ChartError, match="packed chart of .* bytes cannot be read"):
+        with pytest.raises(ChartError, match=r"packed chart of .* bytes cannot be read"):
             Chart.from_bytes(damaged)
 
 
@@ -179,7 +179,10 @@ def repacked(**members: bytes) -> bytes:
     [
         ({"depth": bytes(100_000_000)}, "depth holds more than 48 bytes"),
         ({"chart.json": b" " * 50_000_000}, "chart.json holds more than 1,048,576 bytes"),
-        ({"chart.json": b'{"shape": [100000, 100000]}'}, "its grid of 100000 x 100000 holds more than 64 MiB"),
+        (
+            {"chart.json": b'{"shape": [100000, 100000]}'},
+            "its grid of 100000 x 100000 holds more than 64 MiB",
+        ),
         ({"chart.json": b'{"shape": [-3, -4]}'}, "must be at least 0"),
     ],
 )

@@ -142,7 +142,9 @@ def test_gzip_is_unpacked_within_bounds(tmp_path: Path) -> None:
     path.write_bytes(gzip.compress(b"lon,lat,depth\n1,2,3\n"))
     assert numbers(open_table(path))["depth"] == [3]
     path.write_bytes(gzip.compress(b"lon,lat,depth\n" + b"1,2,3\n" * 14_000_000))
-    with pytest.raises(TableError, match="t.csv.gz cannot be read: it holds more than .* MiB, the most that is read"):
+    with pytest.raises(
+        TableError, match=r"t.csv.gz cannot be read: it holds more than .* MiB, the most that is read"
+    ):
         open_table(path).read({"lon": 0})
 
 

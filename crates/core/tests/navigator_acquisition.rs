@@ -151,8 +151,8 @@ fn a_cloud_that_grew_without_a_chart_is_found_again() {
     let mut vehicle = Vehicle::new(0, track);
     vehicle.sounding_errors_m = world_noise(4, 900, 900).iter().map(|z| 0.05 * z).collect();
     let mut options = options();
-    // A current that wanders three times as much: the cloud has grown to 100 m and more.
-    options.terrain.drift.sigma_current_mps_per_sqrt_s = 0.03;
+    // The cloud has grown to 100 m and more on each axis.
+    options.terrain.drift.sigma_current_mps_per_sqrt_s = 0.015;
     let mut navigator: Mpf<2> = mpf(0, 1, options, &chart_of(holed), 2);
     navigator.handle(&fix(0, 0, track(0.0), 25.0)).unwrap();
     let (mut searched, mut widest_m) = (0, 0.0f64);

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _MAGIC = b"uwcoop-chart-1\x00"
-
-
 _LARGEST_HEADER = 1 << 20
 """Bytes of a packed chart's header, of which the notes are most."""
 _BY_SLOPE = ("horizontal_error_m", "level_sigma_m")

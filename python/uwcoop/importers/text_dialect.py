@@ -77,16 +77,16 @@ def open_lines(path: Path, encoding: str) -> Iterator[Iterator[str]]:
 
 def _open(path: Path) -> io.BufferedReader:
     """The file's bytes, inflated: a table of any length, but no more than a table can inflate to."""
-    return open_binary(
-        path, read_limit_bytes(max(_INFLATED_FREELY, LARGEST_INFLATION * path.stat().st_size))
-    )
+    return open_binary(path, read_limit_bytes(max(_INFLATED_FREELY, LARGEST_INFLATION * path.stat().st_size)))
 
 
 def _bounded(text: io.TextIOWrapper, name: str) -> Iterator[str]:
     number = 1
     while line := text.readline(LONGEST_LINE + 1):
         if len(line) > LONGEST_LINE:
-            raise TableError(f"{name} line {number} is longer than {LONGEST_LINE:,} characters: it is no table")
+            raise TableError(
+                f"{name} line {number} is longer than {LONGEST_LINE:,} characters: it is no table"
+            )
         yield line
         number += 1
 
