@@ -6,6 +6,7 @@
 //! * [`robust`]: `landmark` and `landmark-ekf`, one Gaussian over mover, landmark and biases; also dead reckoning from
 //!   DVL and gyro, which is the same without positionings.
 
+mod absolute_sensors;
 pub mod bias_model_average;
 mod broadcast_belief;
 pub mod consensus;

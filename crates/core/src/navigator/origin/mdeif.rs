@@ -13,32 +13,19 @@ use serde::{Deserialize, Serialize};
 
 use super::joint_filter::{JointFilter, PeerUpdate};
 use super::local::estimate;
-use super::local_options::LocalOptions;
+pub use super::mdeif_options::MdeifOptions;
 use super::range::Range;
 use super::sensors::{LOCAL_SENSORS, check_local_event};
 use super::server::{Launch, Server};
 use crate::error::{Error, positive};
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::information::graph_packet::GraphPacket;
-use crate::information::replica::{JoinPlan, Method, Methods, Replica};
+use crate::information::replica::{JoinPlan, Method, Replica};
 use crate::link::{AckBitmap, Admission, ReceiveWindow};
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::graph::rounded::rounded_lags;
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
-
-/// Options of [`Mdeif`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct MdeifOptions {
-    /// Own sensors and ranges.
-    pub local: LocalOptions,
-    /// Layout of the packets.
-    pub form: GraphForm,
-    /// With how many of the last transmissions a float64 packet holds the exact joint.
-    pub exact_lags: usize,
-    /// What a client may use.
-    pub methods: Methods,
-}
 
 /// What a client keeps of a peer whose packets it uses.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -29,7 +29,7 @@ use super::diagnostics::teammates;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};
+use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
 use crate::error::{Error, non_negative};
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};

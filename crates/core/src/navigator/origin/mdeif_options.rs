@@ -1,0 +1,18 @@
+//! Options of `mdeif`.
+
+use super::local_options::LocalOptions;
+use crate::information::replica::Methods;
+use crate::packet::graph::GraphForm;
+
+/// Options of [`Mdeif`](super::mdeif::Mdeif).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MdeifOptions {
+    /// Own sensors and ranges.
+    pub local: LocalOptions,
+    /// Layout of the packets.
+    pub form: GraphForm,
+    /// With how many of the last transmissions a float64 packet holds the exact joint.
+    pub exact_lags: usize,
+    /// What a client may use.
+    pub methods: Methods,
+}
