@@ -31,7 +31,9 @@ def true_position_m(vehicle: int, t_s: float) -> Floats:
     return position
 
 
-def sensor_events(vehicle: int, second: int, chart: uwcoop.Chart, noise: np.random.Generator) -> list[uwcoop.Event]:
+def sensor_events(
+    vehicle: int, second: int, chart: uwcoop.Chart, noise: np.random.Generator
+) -> list[uwcoop.Event]:
     """What one vehicle senses in this second: commanded velocity and water depth; a fix before it dives."""
     t_ns, (e_mps, n_mps) = second * SECOND_NS, COMMAND_MPS[vehicle]
     depth_m = chart.depth_at(true_position_m(vehicle, second)[None])[0] + 0.1 * noise.standard_normal()
@@ -77,7 +79,9 @@ def main() -> None:
         events = [event for vehicle in (0, 1) for event in sensor_events(vehicle, second, chart, noise)]
         due = [event for event in arriving if event.t_ns <= second * SECOND_NS]
         arriving = [event for event in arriving if event not in due]
-        for event in sorted([*due, *events], key=lambda event: event.t_ns):  # each navigator's events in order of time
+        for event in sorted(
+            [*due, *events], key=lambda event: event.t_ns
+        ):  # each navigator's events in order of time
             outcome = navigators[event.vehicle].handle(event)
             used += event.kind == "reception" and outcome == "fused"
         if second % SLOT_S == 0:  # the vehicles take turns

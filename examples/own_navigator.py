@@ -1,7 +1,8 @@
-"""A navigator of one's own beside `mpf` in one run: a Kalman filter that linearises the chart at its own mean.
+"""A navigator of one's own beside `mpf` in one run: a Kalman filter that linearises the chart over its own spread.
 
-State: east, north, current east, current north. A sounding is predicted by the chart's depth at the mean, its
-sensitivity by the chart's slope there (Hostetler & Andreas 1983). The filter sends nothing and uses no ranges.
+State: east, north, current east, current north. A sounding is predicted from the charted depths at the mean and at four
+points around it. Their differences give the slope, and what does not fit that slope is added to the sounding's noise
+(statistical linearisation). The filter sends nothing and uses no ranges.
 """
 
 from dataclasses import dataclass
@@ -75,13 +76,21 @@ class TerrainKalman:
         return self._update(z - self.x[:2], np.eye(2, 4), R)
 
     def _sounding(self, water_depth_m: float, sigma_m: float) -> str:
-        here = self.x[None, :2]
-        charted_m, slope = self.chart.depth_at(here)[0], self.chart.gradient(here)[0]
-        if not (np.isfinite(charted_m) and np.isfinite(slope).all()):
-            return "noted"  # off the chart, over a hole, or before the first fix
-        variance_m2 = sigma_m**2 + TIDE_SIGMA_M**2 + self.chart.sigma_at(here)[0] ** 2
-        H = np.concatenate([slope, np.zeros(2)]).reshape(1, 4)
-        return self._update(np.array([water_depth_m - charted_m]), H, np.array([[variance_m2]]))
+        if np.isnan(self.x[0]):
+            return "noted"
+        L = np.linalg.cholesky(self.P[:2, :2])
+        spread = np.sqrt(3) * np.concatenate([np.zeros((1, 2)), L.T, -L.T])
+        charted_m = self.chart.depth_at(self.x[:2] + spread)
+        if not np.isfinite(charted_m).all():
+            return "noted"  # off the chart or over a hole
+        weights = np.array([1 / 3, 1 / 6, 1 / 6, 1 / 6, 1 / 6])
+        mean_m = weights @ charted_m
+        d = (charted_m[1:3] - charted_m[3:5]) / (2 * np.sqrt(3))
+        unexplained_m2 = max(0.0, weights @ (charted_m - mean_m) ** 2 - d @ d)
+        H = np.concatenate([np.linalg.solve(L.T, d), np.zeros(2)]).reshape(1, 4)
+        sigma_map_m = self.chart.sigma_at(self.x[None, :2])[0]
+        variance_m2 = sigma_m**2 + TIDE_SIGMA_M**2 + sigma_map_m**2 + unexplained_m2
+        return self._update(np.array([water_depth_m - mean_m]), H, np.array([[variance_m2]]))
 
     def _update(self, innovation: Floats, H: Floats, R: Floats) -> str:
         S = H @ self.P @ H.T + R
@@ -95,7 +104,7 @@ class TerrainKalman:
 
 
 def main() -> None:
-    navigators = ["dead-reckoning", Custom("terrain-kalman", TerrainKalman), "mpf"]
+    navigators: list[str | Custom] = ["dead-reckoning", Custom("terrain-kalman", TerrainKalman), "mpf"]
     result = uwcoop.run("st-john", navigators, seed=1)
     for name, navigator in result.summary["navigators"].items():
         for vehicle, merit in navigator["vehicles"].items():

@@ -1,4 +1,4 @@
-"""A scenario of one's own: a chart from an array, a TOML file that names it, a run, and a run with a slower current.
+"""A scenario of one's own: a chart from an array, a TOML file that names it, and runs with two speeds of the current.
 
 Files go to the folder `own-scenario` below the current one, or to the folder that the command line names.
 """
@@ -71,7 +71,9 @@ def main(folder: Path) -> None:
         print(overrides or "as the file states it")
         for name, navigator in result.summary["navigators"].items():
             for vehicle, merit in navigator["vehicles"].items():
-                print(f"  {name:15} {vehicle:5} {merit['rmse_m']:7.2f} m rms   NEES {merit['anees']:6.2f} (ideal 2)")
+                print(
+                    f"  {name:15} {vehicle:5} {merit['rmse_m']:7.2f} m rms   NEES {merit['anees']:6.2f} (ideal 2)"
+                )
 
 
 if __name__ == "__main__":

@@ -23,7 +23,8 @@ FASTEST_MPS = 5.0
 
 NOTE = (
     "Each team follows three survey days; their positions and soundings are real, the chart is gridded from the other "
-    "days' soundings, aligned and judged by each other, odometry and acoustic ranges are simulated (20 % loss). The "
+    "days' soundings, aligned and checked against each other, odometry and acoustic ranges are simulated (20 "
+    "% loss). The "
     "recording is not part of this project."
 )
 

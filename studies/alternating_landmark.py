@@ -193,9 +193,9 @@ TABLES: dict[str, tuple[str, str, list[Case]]] = {
         ],
     ),
     "kidnap": (
-        "Turned by 20° unnoticed (`seafloor-survey-kidnap`)",
-        "The error includes the time before the turn is noticed. *By consensus*: a vote of the last positionings in "
-        "place of alternatives that are followed on their odds.",
+        "Turned by 20° without a measurement of it (`seafloor-survey-kidnap`)",
+        "The error includes the time before the turn is detected. *By consensus*: a vote of the last "
+        "positionings in place of alternative hypotheses with odds.",
         [
             *four("seafloor-survey-kidnap"),
             voted("seafloor-survey-kidnap"),
@@ -217,7 +217,7 @@ TABLES: dict[str, tuple[str, str, list[Case]]] = {
     ),
     "bias": (
         "Gyro bias, DVL scale and misalignment (`seafloor-survey-bias`)",
-        "One sigma: 0.01 °/s, 1 %, 0.5°. *Alone*: without a filter beside it that takes the sensors at their word.",
+        "One sigma: 0.01 °/s, 1 %, 0.5°. *Alone*: without a second filter that assumes no biases.",
         [
             Case("seafloor-survey-bias", ("landmark",), states(True), "bias states"),
             Case("seafloor-survey-bias", ("landmark",), states(True, 1.0), "bias states alone"),
@@ -227,17 +227,18 @@ TABLES: dict[str, tuple[str, str, list[Case]]] = {
     ),
     "tried": (
         "What was tried and did not help",
-        """Recovery is torn between turns, to be believed soon, and outliers, not to be believed at all. Packaged:
-odds 10, outlier share 0.05, jumps of 0.2 m and 30°, a window of 8.
+        """Recovery must detect a turn soon and must not mistake outliers for a turn. Defaults: odds 10, outlier
+share 0.05, jumps of 0.2 m and 30°, a window of 8.
 
-* A vote of the last positionings was the form before (*by consensus*, above). A lower threshold finds turns sooner and
-  starts anew for nothing more often; it cannot do both, and what it forgot it cannot take back. A vote beside the odds
-  brought its losses back.
-* Lower odds notice a turn sooner and are deceived more often; higher odds are deceived no less and notice later.
-* A likelihood that expects more outliers is deceived no less, and notices later.
+* A vote of the last positionings was the earlier method (*by consensus*, above). A lower threshold detects turns
+  sooner and gives more false alarms, which cannot be reversed. A vote in addition to the odds had the same false
+  alarms.
+* Lower odds detect a turn sooner and give more false alarms; higher odds give as many false alarms and detect a turn
+  later.
+* A likelihood with a larger outlier share gives as many false alarms, and detects a turn later.
 * Wider jumps and a longer window change nothing.
 * Fewer states for biases: without the gyro's, the misalignment or the scale, the loss where there are no biases is
-  still at least a third of that with all three. Averaging over whether there are any does help.""",
+  still at least a third of that with all three. Averaging over the models with and without biases helps.""",
         others(
             ("odds 1", "jump_odds=1"),
             ("odds 100", "jump_odds=100"),
@@ -249,7 +250,7 @@ odds 10, outlier share 0.05, jumps of 0.2 m and 30°, a window of 8.
     ),
     "bytes": (
         "Bytes of the exchange packet (`seafloor-survey`)",
-        "A belief of one mode goes out in 32 bytes where 64 or 128 are allowed.",
+        "An estimate with one mode is sent in 32 bytes where 64 or 128 are allowed.",
         sized("seafloor-survey", SIZES, 50),
     ),
     "team": (
@@ -259,8 +260,8 @@ odds 10, outlier share 0.05, jumps of 0.2 m and 30°, a window of 8.
     ),
     "km": (
         "A kilometre, 66 exchanges (`seafloor-survey-1km`)",
-        "Nothing but the first landmark's pose ties the mission to the ground: errors grow, and covariances must say so. "
-        "8 and 16 bytes are too few for so many exchanges: what does not fit is not told.",
+        "Only the first landmark's pose is known: errors grow, and the covariances must grow with them. 8 and"
+        " 16 bytes are too few for so many exchanges: an estimate that does not fit is not sent.",
         [*sized("seafloor-survey-1km", (32, 40), 20), *sized("seafloor-survey-1km", (8, 16), 6)],
     ),
 }
@@ -371,8 +372,9 @@ reconstructions of particles a run. Measured on {machine}.
 """
 RECORDED = (
     "Real robots (UTIAS MRCLAM, data set 6)",
-    "Ranges and bearings of real robots: R1 stood still for 128 s (its odometry says so), R3, R4 and R5 moved. Priors "
-    "(1 m, 5°), the schedule (one fix a second at most) and 10 % losses are put on top and drawn anew in each run. "
+    "Ranges and bearings of real robots: R1 stood still for 128 s (by its odometry), R3, R4 and R5 moved. Priors "
+    "(1 m, 5°), the schedule (one fix a second at most) and 10 % losses are simulated, with new random draws "
+    "in each run. "
     "Errors count after 10 s. No role is exchanged.",
     [],
 )

@@ -54,7 +54,10 @@ class World:
 
 
 SIMULATED = {
-    "st-john-drift": ("rich terrain,\ndrifting current", "rich terrain, a current that wanders, no loss"),
+    "st-john-drift": (
+        "rich terrain,\ndrifting current",
+        "rich terrain, a current that is a random walk, no loss",
+    ),
     "flat-bay": ("flat bottom,\n20 % loss", "the same with relief × 0.15 and 20 % loss"),
     "poor-bay": (
         "0.5 m of relief,\npoor sensors",
@@ -66,7 +69,7 @@ SIMULATED = {
     ),
 }
 REAL = {
-    "dvl": ("real soundings,\nDVL", "with what is left of a DVL's errors"),
+    "dvl": ("real soundings,\nDVL", "with the residual errors of a DVL"),
     "no-dvl": ("real soundings,\nno DVL", "with thruster speed and a compass"),
 }
 
@@ -219,10 +222,11 @@ def page(worlds: Sequence[World], command: str) -> str:
             long_table(world),
         ]
     parts.append(
-        "The real soundings are Takamitsu Iida's single-beam survey of Aburatsubo bay: tracks, soundings and charts are "
+        "The real soundings are Takamitsu Iida's single-beam survey of Aburatsubo bay: tracks, soundings and "
+        "charts are "
         "recorded, a day never in its own chart; three days are flown at once as one team. Odometry and ranges are "
         "simulated. The bound of these and of `surveyed-bay` takes the slope from the chart that the vehicles carry, "
-        "errors and all: a yardstick there rather than a bound."
+        "with its errors: it is a reference there rather than a bound."
     )
     return "\n\n".join(parts) + "\n"
 
@@ -239,7 +243,8 @@ def readme(worlds: Sequence[World]) -> None:
     block = (
         "\n![RMS error of each navigator in each world, and the bound](docs/images/comparison.png)\n\n"
         f"{short_table(worlds)}\n\n"
-        "Median RMS error of a mission · median NEES (ideal 2) · share of vehicles more than 30 m off at the end; three "
+        "Median RMS error of a mission · median NEES (ideal 2) · share of vehicles more than 30 m off at the "
+        "end; three "
         f"vehicles, 900 s, {runs} seeds each, simulated. In the last columns tracks, soundings and charts are recorded "
         f"(other days' chart), ranges and odometry simulated{real_ones}. More, with commands: "
         "[docs/results/comparison.md](docs/results/comparison.md).\n"

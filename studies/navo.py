@@ -17,8 +17,9 @@ CHART = Path("data/navo_bag/JD211_public_Release_1-4_UTM.bag")
 CORRELATION_LENGTH_M = 20.0
 
 NOTE = (
-    "A public multibeam chart of 51-53 m of water whose stated uncertainty, 0.3 m, exceeds its relief. Nobody can be "
-    "localised there; what counts is that a navigator says so: an ANEES near 2. The chart is not part of this project."
+    "A public multibeam chart of 51-53 m of water whose stated uncertainty, 0.3 m, exceeds its relief. "
+    "Localisation is impossible there; a consistent navigator states a large covariance: an ANEES near 2. The"
+    " chart is not part of this project."
 )
 
 SCENARIO = """\

@@ -36,17 +36,17 @@ class Page:
 
 SCENARIOS = Page(
     "The scenarios",
-    "The packaged missions with all navigators that talk by Micromodem frames of 64 bytes or not at all. How to read the "
+    "The packaged missions with all navigators that send Micromodem frames of 64 bytes or nothing. How to read the "
     "tables: [Results](index.md).",
     (
         Study("Rich terrain, no current (`st-john`)", "st-john", 40, slug="st-john"),
-        Study("A current that wanders (`st-john-drift`)", "st-john-drift", 40, slug="st-john-drift"),
+        Study("A current that is a random walk (`st-john-drift`)", "st-john-drift", 40, slug="st-john-drift"),
         Study(
             "Hardly any relief (`flat-bay`)",
             "flat-bay",
             40,
-            note="Relief × 0.15 and 20 % loss: a broadcast belief contains what its receiver said before, and D-MPF "
-            "talks itself into wrong positions.",
+            note="Relief × 0.15 and 20 % loss: a broadcast estimate contains earlier estimates of its "
+            "receiver, and D-MPF becomes overconfident at wrong positions.",
             slug="flat-bay",
         ),
         Study(
@@ -65,7 +65,7 @@ SCENARIOS = Page(
             slug="particles",
         ),
         Study(
-            "What of a teammate's range is news",
+            "Novelty of a teammate's ranges",
             "flat-bay",
             40,
             "mpf",
@@ -75,8 +75,9 @@ SCENARIOS = Page(
                 "--vary",
                 "navigator.mpf.range_temper=0.1,0.5,1.0",
             ),
-            note="A fused belief that is heard again is not new: counted in full it makes the team overconfident. With "
-            "`range_novelty` a range weighs by how much of the sender's error was renewed since it was last heard, times "
+            note="Repeated fused estimates of one sender are correlated: at full weight they make the team "
+            "overconfident. With `range_novelty` the weight of a range is the independent part of the "
+            "sender's error since its last packet, times "
             "`range_temper`, which is 0.5 by default in a team of three; without it, `range_temper` alone decides.",
             slug="news",
         ),
@@ -87,11 +88,12 @@ DMPF_PAPER = Page(
     "The figures of the D-MPF paper",
     "The missions of Tan, Chitre & Hover, *Cooperative bathymetry-based localization using low-cost autonomous "
     f"underwater vehicles* (2016). {STAND_IN} Its roughness was chosen so that, as there, ranges help the terrain "
-    "filter and alone are worse than dead reckoning: that order is not independent evidence. The figures themselves are "
+    "filter and alone are worse than dead reckoning: that order is not independent evidence. The figures "
+    "themselves are "
     "drawn by adding `-o FOLDER --figures` to a command ([How to](../howto/studies.md#figures)).",
     (
         Study(
-            "Fig. 6: what bandwidth is worth",
+            "Fig. 6: the effect of bandwidth",
             "st-john",
             100,
             "dmpf-unlimited,dmpf",
@@ -101,7 +103,7 @@ DMPF_PAPER = Page(
             slug="fig-6",
         ),
         Study(
-            "Fig. 7: what each source is worth",
+            "Fig. 7: the effect of each source",
             "st-john",
             100,
             "dead-reckoning,ranging-only,terrain-only,dmpf",
@@ -123,8 +125,8 @@ DMPF_PAPER = Page(
             20,
             "dead-reckoning,dmpf,mpf",
             ("--vary", "current.speed_mps=0.0,0.25"),
-            note="1° and 0.1 m/s, without and with a southward current. `mpf` has the two biases as states here; D-MPF "
-            "takes them for current.",
+            note="1° and 0.1 m/s, without and with a southward current. `mpf` has the two biases as states "
+            "here; D-MPF has no states for them, and its current estimate absorbs them.",
             slug="fig-12",
         ),
         Study(
@@ -157,7 +159,7 @@ DMPF_PAPER = Page(
 REAL_SOUNDINGS = Page(
     "Charts that are wrong, and real soundings",
     "Real charts err by metres, over tens of metres at a time. First a simulated survey, then a public multibeam chart "
-    "of a bottom that cannot localise anyone, then teams on real tracks and soundings.",
+    "of a seabed without enough relief for localisation, then teams on real tracks and soundings.",
     (
         Study(
             "A surveyed chart (`surveyed-bay`)",
@@ -168,7 +170,7 @@ REAL_SOUNDINGS = Page(
             slug="surveyed-bay",
         ),
         Study(
-            "The same with a likelihood that takes the chart's errors for white noise",
+            "The same with a likelihood that treats the chart's errors as white noise",
             "surveyed-bay",
             20,
             "mpf-terrain-only,mpf",

@@ -125,7 +125,7 @@ def _navo(folder: Path, keeper: Keeper) -> str:
     if not (REFERENCE / navo.CHART).is_file():
         return f"## A bottom that cannot localise\n{ABSENT}"
     study = Study(
-        "A bottom that cannot localise",
+        "A seabed without enough relief",
         str(navo.write_mission(REFERENCE, folder / "navo")),
         20,
         "dead-reckoning,dmpf,mpf-terrain-only,mpf",

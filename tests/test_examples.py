@@ -58,7 +58,9 @@ def test_a_scenario_of_one_s_own_runs_as_stated_and_with_an_override(printed: Ru
 
 def test_the_live_loop_exchanges_packets_and_survives_a_restart(printed: Run) -> None:
     text = printed("live_loop.py")
-    at_the_end = re.findall(r"^ *300 s  vehicle [01]: +(\d+\.\d+) m off, sigma +(\d+\.\d+) m, navigating$", text, re.M)
+    at_the_end = re.findall(
+        r"^ *300 s  vehicle [01]: +(\d+\.\d+) m off, sigma +(\d+\.\d+) m, navigating$", text, re.M
+    )
     assert len(at_the_end) == 2, text
     for off_m, sigma_m in at_the_end:
         assert float(off_m) < 4 * float(sigma_m)

@@ -7,9 +7,10 @@ use std::hint::black_box;
 use criterion::{BenchmarkId, Criterion, criterion_group, criterion_main};
 use uwcoop_core::error::Error;
 use uwcoop_core::event::{Event, Payload};
+use uwcoop_core::measurement::angle::wrap;
 use uwcoop_core::mixture::{Criterion as Choose, FitOptions};
 use uwcoop_core::navigator::Navigator;
-use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading, wrap};
+use uwcoop_core::navigator::landmark::model::{Acoustics, Gate, MonitorRule, RatioReading};
 use uwcoop_core::navigator::landmark::{LandmarkPaper, PacketOptions, PaperOptions};
 use uwcoop_core::packet::landmark::{ExchangeFormat, ExchangeSize};
 

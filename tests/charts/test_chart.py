@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import tracemalloc
+import zipfile
 from dataclasses import FrozenInstanceError, replace
 from pathlib import Path
 from typing import Any
@@ -156,8 +159,44 @@ def test_bytes_give_back_every_bit(grid: Any, per_node: bool) -> None:
 def test_damaged_bytes_are_refused() -> None:
     packed = a_chart().to_bytes()
     for damaged in (b"", b"chart", packed[: len(packed) // 2], packed[:60] + b"xxxx" + packed[64:]):
-        with pytest.raises(ChartError, match="not a packed chart"):
+        with pytest.raises(ChartError, match=r"packed chart of .* bytes cannot be read"):
             Chart.from_bytes(damaged)
+
+
+def repacked(**members: bytes) -> bytes:
+    """A packed chart with other members, deflated."""
+    with zipfile.ZipFile(io.BytesIO(a_chart().to_bytes())) as archive:
+        held = {name: archive.read(name) for name in archive.namelist()}
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in (held | members).items():
+            archive.writestr(name, content)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        ({"depth": bytes(100_000_000)}, "depth holds more than 48 bytes"),
+        ({"chart.json": b" " * 50_000_000}, "chart.json holds more than 1,048,576 bytes"),
+        (
+            {"chart.json": b'{"shape": [100000, 100000]}'},
+            "its grid of 100000 x 100000 holds more than 64 MiB",
+        ),
+        ({"chart.json": b'{"shape": [-3, -4]}'}, "must be at least 0"),
+    ],
+)
+def test_a_packed_chart_that_inflates_without_end_costs_no_memory(
+    members: dict[str, bytes], message: str
+) -> None:
+    packed = repacked(**members)
+    tracemalloc.start()
+    try:
+        with pytest.raises(ChartError, match=message):
+            Chart.from_bytes(packed)
+        assert tracemalloc.get_traced_memory()[1] < 8e6
+    finally:
+        tracemalloc.stop()
 
 
 def test_sigma_of_the_chart_is_looked_up_like_depth() -> None:

@@ -10,6 +10,7 @@ import pytest
 import xarray as xr
 
 from uwcoop.charts import Chart, load_chart
+from uwcoop.charts.raster import Quality, Raster, chart_from_raster
 from uwcoop.errors import ChartError
 from uwcoop.frames import LocalFrame, Origin
 
@@ -446,3 +447,19 @@ def test_bag_with_holes_and_uncertainty(reference: Path) -> None:
     np.testing.assert_array_equal(np.isnan(sigma), np.isnan(chart.depth_m))
     assert chart.correlation_length_m == 10
     assert chart.origin.crs == "EPSG:32602"
+
+
+def test_sparse_nodes_keep_their_depths_by_the_nearest_node() -> None:
+    depth = np.full((24, 36), np.nan)
+    depth[::3, ::3] = 10.0 + np.arange(8)[:, None] + 0.1 * np.arange(12)
+    sparse = Raster(depth, 5.0 * np.arange(36), 5.3 * np.arange(24), None, ())
+    chart = chart_from_raster(sparse, name="s", cell_m=None, origin=None, quality=Quality())
+    assert any("resampled by the nearest node" in note for note in chart.notes)
+    share = np.isfinite(chart.depth_m).mean() / np.isfinite(depth).mean()
+    assert 0.8 < share < 1.2
+    # Each depth is one of those within half a cell, none is made up.
+    found, held = chart.depth_m[np.isfinite(chart.depth_m)], depth[np.isfinite(depth)]
+    assert np.abs(found[:, None] - held[None]).min(axis=1).max() < 1e-5
+    full = Raster(np.full((24, 36), 9.0), sparse.x, sparse.y, None, ())
+    dense = chart_from_raster(full, name="d", cell_m=None, origin=None, quality=Quality())
+    assert any("resampled bilinearly" in note for note in dense.notes)

@@ -130,8 +130,12 @@ def test_run_writes_its_folder_and_prints_a_table(mission: Path) -> None:
     summary = json.loads(Path("out/summary.json").read_text())
     assert (summary["mission"], summary["seed"]) == ("st-john-drift", 3)
     assert list(summary["navigators"]) == ["dead-reckoning", "dmpf", "mpf"]
+    assert summary["navigators"]["dead-reckoning"]["unused"].keys() == {"depth", "water_depth"}
+    soundings = summary["navigators"]["dead-reckoning"]["unused"]["water_depth"]
+    assert f"not used by dead-reckoning: depth {soundings}, water_depth {soundings}" in result.stdout
+    assert "not used by mpf" not in result.stdout
     for navigator in summary["navigators"].values():
-        assert set(navigator) == {"seconds", "speedup", "packet_bytes", "vehicles", "sent"}
+        assert set(navigator) - {"unused"} == {"seconds", "speedup", "packet_bytes", "vehicles", "sent"}
         assert set(navigator["vehicles"]) == {"V1", "V2", "V3"}
         for vehicle in navigator["vehicles"].values():
             assert set(vehicle) >= VEHICLE_KEYS

@@ -85,7 +85,7 @@ def test_summary_has_exactly_the_documented_keys() -> None:
     assert list(dmpf["vehicles"]) == ["auv-1", "auv-2", "auv-3"]
     assert list(dmpf["vehicles"]["auv-1"]) == [
         "rmse_m", "median_error_m", "p95_error_m", "final_error_m", "anees", "state_anees_per_dof",
-        "yaw_rmse_deg", "rejected", "rmse_over_bound", "rmse_over_linearised_bound",
+        "yaw_rmse_deg", "rejected", "unsent", "rmse_over_bound", "rmse_over_linearised_bound",
     ]  # fmt: skip
     json.dumps(summary, allow_nan=False)
 

@@ -94,7 +94,7 @@ def test_spans_say_who_was_the_landmark(log: MissionLog) -> None:
     assert spans[0].start_s == 0
     assert spans[-1].end_s == 1070
     assert all(a.end_s == b.start_s for a, b in pairwise(spans))
-    with pytest.raises(TracksError, match="nobody takes the landmark's role"):
+    with pytest.raises(TracksError, match="no vehicle takes the landmark's role"):
         landmark_spans(MissionLog("none", 0, ("a",), 10**9, log.link))
 
 

@@ -76,7 +76,7 @@ def test_bytes_are_pooled_by_variant_and_navigator() -> None:
     assert found[1]["bytes"] is None
     axes = bytes_figure(rows, ["form"], title="x").axes[0]
     assert axes.get_xscale() == "log"
-    with pytest.raises(TracksError, match="nobody sends packets"):
+    with pytest.raises(TracksError, match="no navigator sends packets"):
         bytes_figure(rows[2:], title="x")
 
 

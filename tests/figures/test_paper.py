@@ -425,7 +425,7 @@ def test_a_study_draws_what_its_data_allow(gathered: xr.Dataset) -> None:
         "errors_over_time-2.png",
         "information.png",
     ]
-    assert "nobody sends" in str(drawn["bytes.png"])
+    assert "no navigator sends" in str(drawn["bytes.png"])
     assert "diagnostics.entropy" in str(drawn["information.png"])
     titles = [axes.get_title() for axes in drawn["errors_over_time-2.png"].axes if axes.get_title()]  # type: ignore[union-attr]
     assert titles == ["e (3 runs)"]

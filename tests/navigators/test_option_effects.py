@@ -29,24 +29,45 @@ BIAS_OPTIONS = (
 DRIFTING = (
     "duration_s=110",
     # A monitor that alarms often, so that its options have an effect.
-    "navigator.all={particles=40, monitor_alarm=0.4, monitor_quiet_s=5.0, monitor_repeat_s=12.0}",
+    "navigator.all={particles=40, monitor_alarm=1.05, monitor_forgetting=0.3}",
+    "navigator.all.monitor_quiet_s=3.0",
+    "navigator.all.monitor_repeat_s=20.0",
     *(f"navigator.{name}={{}}" for name in ("dead-reckoning", "mpf", "team")),
 )
 MISSIONS: dict[str, tuple[str, tuple[str, ...]]] = {
     "particles": ("st-john-drift", DRIFTING),
     "unlimited": ("st-john-drift", (*DRIFTING, 'acoustics.modem="unlimited"')),
-    "origin": ("ship-and-auv", ("duration_s=400",)),
+    "origin": ("ship-and-auv", ("duration_s=1000",)),
     "landmark": ("seafloor-survey-kidnap", ()),
+    # Equation (6) serves where more packets in a row were lost than the packet has exact lags.
+    "lossy": (
+        "ship-and-auv",
+        ("duration_s=2000", 'acoustics.losses=[{model="independent", probability=0.6}]'),
+    ),
+    # Clouds that are still wide when roles are exchanged.
+    "vague": ("seafloor-survey-kidnap", ("exchange.static_fixes=6", "acoustics.loss.probability=0.3")),
 }
 """Scenario and overrides of a mission."""
 
+OF_EQUATION_6 = ("use_equation_6", "health_loss_max")
+OF_WIDE_CLOUDS = (
+    "resample_share",
+    "clusters_by",
+    "cluster_starts",
+    "cluster_iterations",
+    "cluster_tolerance",
+    "cluster_ridge_one",
+    "cluster_ridge_many",
+    "cluster_search_points",
+)
 GATED = {"range_gate_sigmas": 1.0}
 
 SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
     ("modes",): {"packet": "modes"},
-    ("range_temper",): {"range_method": "gaussian"},
+    ("range_temper", "clock"): {"range_method": "gaussian"},
     ("consensus_window", "consensus_quorum", "consensus_agree", "consensus_disagree"): {
-        "recovery_by": "consensus"
+        "recovery_by": "consensus",
+        "consensus_disagree": 3.0,
     },
     ("outlier_share", "outlier_width_m", "outlier_width_rad"): {"gate": "mixture"},
     (
@@ -56,21 +77,23 @@ SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
         "sigma_dvl_scale0",
         "sigma_dvl_misalignment0_deg",
     ): {"bias_states": True},
-    ("use_equation_6", "health_loss_max"): {"packet_form": "64", "use_joint": False},
+    # Expectation-maximisation that is stopped early: which start it ends in then matters.
+    ("cluster_starts",): {"cluster_iterations": 3, "clusters_by": "aic"},
+    OF_EQUATION_6: {"packet_form": "f64", "exact_lags": 1, "use_joint": False},
+    OF_WIDE_CLOUDS: {
+        "sigma_range_m": 3.0,
+        "sigma_own_bearing_deg": 40.0,
+        "sigma_peer_bearing_deg": 40.0,
+        "bend_sigmas": 0.001,
+        "packet_bytes": 128,
+        "particles": 400,
+    },
     # Never one Gaussian: particles until the end, and modes in the exchange packet.
     (
         "particles",
-        "resample_share",
         "roughening",
         "yaw_limit_deg",
         "kurtosis_limit",
-        "clusters_by",
-        "cluster_starts",
-        "cluster_iterations",
-        "cluster_tolerance",
-        "cluster_ridge_one",
-        "cluster_ridge_many",
-        "cluster_search_points",
     ): {"bend_sigmas": 0.02, "packet_bytes": 128},
 }
 """What makes a navigator read an option, where it has the switch."""
@@ -109,17 +132,21 @@ CHANGED: dict[str, Any] = {
     "drift": "dvl",
     "monitor_alarm": 4.0,
     "monitor_forgetting": 0.5,
+    # Below the alarm: it is never reached.
     "monitor_clip": 0.5,
-    "monitor_repeat_s": 6.0,
+    # Below `monitor_quiet_s`: no alarm repeats another.
+    "monitor_repeat_s": 1.0,
     "sigma_range_m": 25.0,
+    "clock": {"late_share": 0.5},
+    "referee_nat": 0.0,
     "health_loss_max": 0.0,
     "speed_max_mps": 0.06,
     "bend_sigmas": 0.02,
     "yaw_limit_deg": 1.0,
     "kurtosis_limit": 0.9,
     "jump_window": 1,
-    "consensus_quorum": 2,
-    "cluster_starts": 1,
+    "consensus_quorum": 6,
+    "cluster_starts": 30,
     "cluster_iterations": 1,
     "cluster_tolerance": 1.0,
     "cluster_ridge_one": 1.0,
@@ -134,49 +161,45 @@ CHANGED: dict[str, Any] = {
 """Values that differ from the default by enough."""
 
 
-CLUSTERS = [
-    "clusters_by",
-    "cluster_starts",
-    "cluster_iterations",
-    "cluster_tolerance",
-    "cluster_ridge_one",
-    "cluster_ridge_many",
-    "cluster_search_points",
-]
-NO_EFFECT_HERE: dict[str, list[str]] = {
-    # Equation (6) serves where a packet was lost for longer than its exact lags.
-    "mdeif": ["use_equation_6", "health_loss_max"],
-    # No exchange of this mission finds a cloud of several clusters: these are read where one does.
-    "landmark-paper": ["clusters_by", "cluster_search_points"],
-    "landmark": [*CLUSTERS, "resample_share", "consensus_quorum"],
-}
-"""Options that are read, and that these missions do not show: exactly these."""
-
-
-def kind_of(name: str) -> str:
+def kind_of(name: str, option: str = "") -> str:
+    if option == "fill_reach_m":
+        return "holes"
     model = NAVIGATORS[name].options
     if issubclass(model, ExchangeOptions):
-        return "landmark"
+        return "vague" if option in OF_WIDE_CLOUDS else "landmark"
     if issubclass(model, OriginOptions):
-        return "origin"
+        return "lossy" if option in OF_EQUATION_6 else "origin"
     return "unlimited" if NAVIGATORS[name].needs_bandwidth or name == "team" else "particles"
 
 
 @lru_cache
 def mission(kind: str) -> MissionLog:
+    if kind == "holes":
+        return with_holes(mission("unlimited"))
     name, overrides = MISSIONS[kind]
     # Without truth no bound is computed.
     return replace(uwcoop.simulate(load(name, overrides), seed=1), truth=None)
 
 
+def with_holes(log: MissionLog) -> MissionLog:
+    """The mission on a chart that has stripes without depths, wider than the default reach and narrower than another."""
+    assert log.chart is not None
+    depth_m = np.array(log.chart.depth_m)
+    east_m = log.chart.cell_m * np.arange(depth_m.shape[1])
+    depth_m[:, east_m % 700.0 < 400.0] = np.nan
+    return replace(log, chart=replace(log.chart, depth_m=depth_m))
+
+
 def toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(one)}" for key, one in value.items()) + "}"
     return json.dumps(value)
 
 
 @lru_cache(maxsize=64)
-def digest(name: str, options: tuple[tuple[str, str], ...]) -> str:
+def digest(name: str, options: tuple[tuple[str, str], ...], kind: str) -> str:
     told = [f"navigator.{name}.{option}={value}" for option, value in options]
-    tracks = uwcoop.run(mission(kind_of(name)), [name], overrides=told, clouds=False).tracks
+    tracks = uwcoop.run(mission(kind), [name], overrides=told, clouds=False).tracks
     found = hashlib.sha256()
     for variable in sorted(tracks.data_vars):
         values = tracks[variable].values
@@ -185,6 +208,8 @@ def digest(name: str, options: tuple[tuple[str, str], ...]) -> str:
 
 
 def changed(name: str, option: str, default: Any) -> Any:
+    if (name, option) == ("covariance-intersection-inflated", "sigma_range_m"):
+        return 0.05  # a vaguer range has no share in the intersection
     if option in CHANGED:
         return CHANGED[option]
     if isinstance(default, bool):
@@ -221,7 +246,7 @@ def is_refused(name: str, option: str, stated: dict[str, Any]) -> bool:
     if option not in unread:
         return False
     with pytest.raises(NavigatorError, match=rf"navigator\.{name}\.{option}: not read, because "):
-        digest(name, as_key(stated))
+        digest(name, as_key(stated), kind_of(name))
     return True
 
 
@@ -238,9 +263,10 @@ def test_every_option_has_an_effect_or_is_refused(name: str) -> None:
         if is_refused(name, option, other):
             continue
         effects += 1
-        if digest(name, as_key(stated)) == digest(name, as_key(other)):
+        kind = kind_of(name, option)
+        if digest(name, as_key(stated), kind) == digest(name, as_key(other), kind):
             silent.append(option)
-    assert silent == NO_EFFECT_HERE.get(name, []), f"{name} takes {', '.join(silent)} in silence"
+    assert not silent, f"{name} takes {', '.join(silent)} in silence"
     assert effects >= 4
 
 

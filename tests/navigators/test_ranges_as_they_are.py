@@ -44,7 +44,9 @@ def test_what_the_scenario_says_of_ranges_is_told_and_can_be_told_otherwise(name
 def test_equation_17_is_told_nothing_and_refuses_to_be() -> None:
     uwcoop.run("flat-bay", ["dmpf"], seed=0, clouds=False, overrides=["duration_s=20", *WRONG])
     told = ["duration_s=20", "navigator.dmpf.clock.late_share=0.1"]
-    with pytest.raises(NavigatorError, match=r"clock, with eq17 is 0.1, outside zero"):
+    with pytest.raises(
+        NavigatorError, match=r"navigator.dmpf.clock: not read, because \(17\) has no variance"
+    ):
         uwcoop.run("flat-bay", ["dmpf"], seed=0, clouds=False, overrides=told)
 
 

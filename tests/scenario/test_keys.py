@@ -35,7 +35,7 @@ def test_a_key_says_all_of_itself() -> None:
         "m/s",
         "1500.0",
         "> 0",
-        "What the navigators believe.",
+        "Sound speed that the navigators assume.",
     )
     modem = scenario_keys("acoustics.modem")
     assert [key.name for key in modem][:2] == ["acoustics.modem", "acoustics.modem.name"]

@@ -99,6 +99,14 @@ def test_everything_is_in_it(recording: Recording, example: Mission) -> None:
             }
             want |= {f"/error_m/{vehicle}/{navigator}", f"/nees/{vehicle}/{navigator}"}
         want |= {f"/nees/{vehicle}/limit"}
+        for axis in ("east", "north"):
+            want |= {
+                f"/current_mps/{vehicle}/{axis}/{navigator}{side}"
+                for navigator in ("dead-reckoning", "dmpf", "mpf")
+                for side in ("", "/above", "/below")
+            }
+            if example.log.truth is not None and "current_mps" in example.log.truth:
+                want |= {f"/current_mps/{vehicle}/{axis}/true"}
         want |= {f"/{root}/{n}/{vehicle}/body/cloud" for n in ("dmpf", "mpf")}
         others = {"auv-1", "auv-2", "auv-3"} - {vehicle}
         want |= {f"/{root}/{n}/packets/{vehicle}_to_{other}" for n in ("dmpf", "mpf") for other in others}

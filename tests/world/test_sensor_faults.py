@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import uwcoop
 from uwcoop import scenario
 from uwcoop.errors import ScenarioError
 from uwcoop.missionlog import MissionLog
@@ -81,3 +82,18 @@ def test_faults_that_cannot_be_are_refused(fault: str, says: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         scenario.load("flat-bay", [f"sensors.water_depth.faults=[{fault}]"])
     assert says in str(caught.value)
+
+
+@pytest.mark.parametrize("depth_m", [100.0, 10_000.0])
+@pytest.mark.parametrize("navigator", ["mpf-terrain-only", "dmpf", "team"])
+def test_a_sounding_that_the_chart_cannot_have_is_counted_and_changes_little(
+    navigator: str, depth_m: float
+) -> None:
+    short = ["duration_s=200", f"navigator.{navigator}.particles=300"]
+    fault = f'sensors.water_depth.faults=[{{kind="value", value={depth_m}, from_s=100, to_s=130}}]'
+    clean = uwcoop.run("flat-bay", [navigator], seed=1, overrides=short, clouds=False).tracks
+    faulty = uwcoop.run("flat-bay", [navigator], seed=1, overrides=[*short, fault], clouds=False).tracks
+    more = faulty.rejected.isel(time=-1) - clean.rejected.isel(time=-1)
+    assert (more >= 25).all(), more.values
+    moved = np.linalg.norm((faulty.position_m - clean.position_m).isel(time=-1).values, axis=-1)
+    assert moved.max() < 15.0

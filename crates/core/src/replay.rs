@@ -23,7 +23,7 @@ pub use poll::Poll;
 pub use record::{CloudRecord, PacketRecord, Record, Tracks};
 
 use crate::error::Error;
-use crate::event::{Class, Event, Payload, VehicleId};
+use crate::event::{Class, Event, Kind, Payload, VehicleId};
 use crate::link::Slot;
 use crate::navigator::Outcome;
 use crate::navigator::snapshot::{load, save};
@@ -41,7 +41,7 @@ struct Arrival {
     bytes: Arc<[u8]>,
 }
 
-/// Where a replay stands; all of it goes into a snapshot.
+/// State of a replay; all of it is in a snapshot.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct Cursor {
     event: usize,
@@ -59,7 +59,7 @@ pub struct Replay {
     record: Record,
 }
 
-/// A packet and what it takes of the channel.
+/// A packet and its use of the channel.
 struct Launched {
     bytes: Arc<[u8]>,
     length: usize,
@@ -168,8 +168,15 @@ impl Replay {
     fn event(&mut self) -> Result<(), Error> {
         let event = &self.mission.events[self.cursor.event];
         self.team.handle(event)?;
+        self.count_unused(event.vehicle, event.payload.kind());
         self.cursor.event += 1;
         Ok(())
+    }
+
+    fn count_unused(&mut self, vehicle: VehicleId, kind: Kind) {
+        if self.team.profile(vehicle).is_some_and(|profile| !profile.uses.contains(kind)) {
+            self.record.unused(kind);
+        }
     }
 
     fn arrival(&mut self) -> Result<(), Error> {
@@ -177,6 +184,7 @@ impl Replay {
         let Arrival { t_ns, receiver, sender, tol_ns, toa_ns, record, bytes, .. } = arrival;
         let payload = Payload::Reception { sender, tol_ns, toa_ns, bytes };
         let outcome = self.team.handle(&Event { t_ns, vehicle: receiver, payload })?;
+        self.count_unused(receiver, Kind::Reception);
         if outcome == Outcome::Fused {
             self.record.accepted(record, self.team.information_nat(receiver));
         }
@@ -200,7 +208,7 @@ impl Replay {
         Ok(Launched { bytes, length, frames, air_time_ns })
     }
 
-    /// A transmit slot: ask for the packet, and let the mission's draws say who hears it.
+    /// A transmit slot: asks for the packet; the mission's draws decide which vehicles receive it.
     fn slot(&mut self) -> Result<(), Error> {
         let slot = self.mission.slots.slots()[self.cursor.slot];
         self.cursor.slot += 1;

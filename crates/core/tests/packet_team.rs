@@ -3,7 +3,7 @@
 
 use proptest::prelude::*;
 use uwcoop_core::packet::{
-    FixSays, Header, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport,
+    FixContent, Header, PacketError, ReportedFix, ReportedRange, ReportedSounding, TeamLayout, TeamReport,
     append_crc,
 };
 
@@ -61,7 +61,7 @@ prop_compose! {
         }
         report.fix = fix.map(|(age_s, pair, sigma_m, start)| ReportedFix {
             age_s,
-            said: if start { FixSays::Start(pair.map(|x| 20.0 * x)) } else { FixSays::Residual(pair) },
+            content: if start { FixContent::Start(pair.map(|x| 20.0 * x)) } else { FixContent::Residual(pair) },
             sigma_m,
         });
         report
@@ -81,9 +81,9 @@ fn check_fix(sent: Option<ReportedFix>, read: Option<ReportedFix>) {
     };
     assert!((sent.age_s - read.age_s).abs() <= 0.125 + sent.age_s / 1000.0, "{sent:?} {read:?}");
     assert!(read.sigma_m >= sent.sigma_m && read.sigma_m <= 1.2 * sent.sigma_m);
-    let (a, b, step) = match (sent.said, read.said) {
-        (FixSays::Start(a), FixSays::Start(b)) => (a, b, 4.0),
-        (FixSays::Residual(a), FixSays::Residual(b)) => (a, b, 0.125),
+    let (a, b, step) = match (sent.content, read.content) {
+        (FixContent::Start(a), FixContent::Start(b)) => (a, b, 4.0),
+        (FixContent::Residual(a), FixContent::Residual(b)) => (a, b, 0.125),
         other => panic!("{other:?}"),
     };
     assert!((0..2).all(|k| (a[k] - b[k]).abs() <= 0.5 * step + 1e-9));
@@ -193,7 +193,7 @@ proptest! {
         let layout = layout(3, 32);
         let mut report = TeamReport { window_s: 10.0, ..TeamReport::default() };
         report.pieces_m.extend([[1.0, 2.0]; 3]);
-        report.fix = Some(ReportedFix { age_s: 1.0, said: FixSays::Start([0.0; 2]), sigma_m });
+        report.fix = Some(ReportedFix { age_s: 1.0, content: FixContent::Start([0.0; 2]), sigma_m });
         let bytes = report.encode(&layout, SENDER, TOL).unwrap();
         prop_assert_eq!(bytes.len(), layout.payload_bytes() + 2);
         let mut read = TeamReport::default();
@@ -211,7 +211,7 @@ fn a_sigma_that_no_fix_has_is_refused() {
     for sigma_m in [2048.1, f64::INFINITY, f64::NAN, -1.0] {
         let mut report = TeamReport { window_s: 10.0, ..TeamReport::default() };
         report.pieces_m.extend([[1.0, 2.0]; 3]);
-        report.fix = Some(ReportedFix { age_s: 1.0, said: FixSays::Start([0.0; 2]), sigma_m });
+        report.fix = Some(ReportedFix { age_s: 1.0, content: FixContent::Start([0.0; 2]), sigma_m });
         let refused = report.encode(&layout, SENDER, TOL).unwrap_err();
         assert!(refused.to_string().contains("sigma of a fix"), "{refused}");
     }

@@ -158,10 +158,10 @@ fn late_range<'py>(
         if !(variance > 0.0 && variance.is_finite()) {
             return Err(argument(format!("variance_m2 is {variance}, outside above 0")));
         }
-        let said = model.likelihood(innovation, variance);
-        out[0][i] = said.log_z;
-        out[1][i] = -gain * said.slope;
-        out[2][i] = gain + gain * gain * said.curvature;
+        let update = model.likelihood(innovation, variance);
+        out[0][i] = update.log_z;
+        out[1][i] = -gain * update.slope;
+        out[2][i] = gain + gain * gain * update.curvature;
     }
     Ok(out.map(|column| column.into_pyarray(py)))
 }

@@ -97,8 +97,8 @@ impl Navigator for PythonNavigator {
         self.check()?;
         Python::attach(|py| {
             let event = Event { inner: event.clone() };
-            let said = self.object.bind(py).call_method1("handle", (event,))?;
-            Ok(match said.extract::<Option<String>>()?.as_deref() {
+            let answer = self.object.bind(py).call_method1("handle", (event,))?;
+            Ok(match answer.extract::<Option<String>>()?.as_deref() {
                 Some("noted") => Outcome::Noted,
                 Some("gated") => Outcome::Gated,
                 Some("rejected") => Outcome::Rejected,

@@ -158,6 +158,7 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
         diagnostics.set_item(name, column.into_pyarray(py).reshape(shape)?)?;
     }
     dict.set_item("diagnostics", diagnostics)?;
+    dict.set_item("unused", tracks.unused)?;
     let column = |f: fn(&uwcoop_core::replay::PacketRecord) -> i64| {
         tracks.packets.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
     };

@@ -1,4 +1,4 @@
-"""Charts of water depth: reading, synthesising, gridding, and what terrain says about position."""
+"""Charts of water depth: reading, synthesising, gridding, and the terrain's information on position."""
 
 from uwcoop.charts.chart import Chart, bilinear_depth
 from uwcoop.charts.gridding import Gridded, Soundings, grid_and_judge, grid_soundings

@@ -7,7 +7,6 @@ import io
 import json
 import struct
 import zipfile
-import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,13 +18,14 @@ from uwcoop.charts.grid_bytes import canonical_bytes, packed, unpacked
 from uwcoop.charts.slopes import node_sigma
 from uwcoop.errors import ChartError
 from uwcoop.frames import Origin
+from uwcoop.importers.bounded import ReadLimitError, refuse_array, refused
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 _MAGIC = b"uwcoop-chart-1\x00"
-
-
+_LARGEST_HEADER = 1 << 20
+"""Bytes of a packed chart's header, of which the notes are most."""
 _BY_SLOPE = ("horizontal_error_m", "level_sigma_m")
 """Attributes that say how the error grows with the slope."""
 
@@ -257,30 +257,43 @@ class Chart:
         """The chart that `to_bytes` wrote.
 
         Raises:
-            ChartError: the bytes are cut off, changed, or something else.
+            ChartError: the bytes are cut off, changed, something else, or more than is read (`importers.bounded`).
         """
-        try:
-            with zipfile.ZipFile(io.BytesIO(content)) as archive:
-                header = json.loads(archive.read("chart.json"))
-                rows, cols = (int(n) for n in header["shape"])
-                depth = unpacked(archive.read("depth"), (rows, cols))
-                sigma = header["sigma_map_m"]
-                return cls(
-                    depth_m=depth,
-                    east0_m=header["east0_m"],
-                    north0_m=header["north0_m"],
-                    cell_m=header["cell_m"],
-                    sigma_map_m=unpacked(archive.read("sigma"), (rows, cols)) if sigma is None else sigma,
-                    correlation_length_m=header["correlation_length_m"],
-                    origin=Origin(*header["origin"]),
-                    name=header["name"],
-                    notes=tuple(header["notes"]),
-                    **{name: header[name] for name in _BY_SLOPE if name in header},
-                )
-        except ChartError:
-            raise
-        except (zipfile.BadZipFile, zlib.error, KeyError, TypeError, ValueError, EOFError) as error:
-            raise ChartError(f"{len(content)} bytes are not a packed chart: {error}") from error
+        with (
+            refused(ChartError, f"packed chart of {len(content):,} bytes"),
+            zipfile.ZipFile(io.BytesIO(content)) as archive,
+        ):
+            header = json.loads(_member(archive, "chart.json", _LARGEST_HEADER))
+            rows, cols = (int(n) for n in header["shape"])
+            refuse_array("its grid", (rows, cols), 4)
+            depth, *own = (
+                unpacked(_member(archive, name, 4 * rows * cols), (rows, cols))
+                for name in ("depth", *(("sigma",) if header["sigma_map_m"] is None else ()))
+            )
+            return cls(
+                depth_m=depth,
+                east0_m=header["east0_m"],
+                north0_m=header["north0_m"],
+                cell_m=header["cell_m"],
+                sigma_map_m=own[0] if own else header["sigma_map_m"],
+                correlation_length_m=header["correlation_length_m"],
+                origin=Origin(*header["origin"]),
+                name=header["name"],
+                notes=tuple(header["notes"]),
+                **{name: header[name] for name in _BY_SLOPE if name in header},
+            )
+
+
+def _member(archive: zipfile.ZipFile, name: str, limit_bytes: int) -> bytes:
+    """One member of a packed chart, inflated to at most `limit_bytes`, whatever the archive states."""
+    if archive.getinfo(name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        # `zipfile` inflates the other kinds without a bound.
+        raise ValueError(f"{name} is not deflated")
+    with archive.open(name) as member:
+        content = member.read(limit_bytes + 1)
+    if len(content) > limit_bytes:
+        raise ReadLimitError(f"{name} holds more than {limit_bytes:,} bytes")
+    return content
 
 
 def bilinear_depth(

@@ -7,13 +7,13 @@ anything is read, and its numbers judged, so that no reader does that by itself.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from uwcoop.charts.places import check_degrees, horizontal, unwrapped_axis
-from uwcoop.charts.raster import Raster, ascending, check_size
+from uwcoop.charts.raster import MAX_NODES, Raster, ascending, check_size
 from uwcoop.charts.vertical import Stated, depths_from, metres_per_unit
 from uwcoop.errors import ChartError
 from uwcoop.frames import crs_of
@@ -39,6 +39,8 @@ class Reading:
     nodata: float | None = None
     area: Area | None = None
     cell_m: float | None = None
+    mission_area: Callable[[], Area | None] | None = field(default=None, compare=False)
+    """What is read of a grid of more nodes than are read whole, where no area is asked for; asked for that alone."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,10 @@ def raster_of(source: GridSource, reading: Reading) -> Raster:
         check_degrees(x, y)
         x = unwrapped_axis(x)
     notes = list(source.notes)
-    rows, cols = _window(source.name, x, y, source.crs, reading.area, notes)
+    area, whose = reading.area, "area"
+    if area is None and reading.mission_area is not None and x.size * y.size > MAX_NODES:
+        area, whose = reading.mission_area(), "the mission's area"
+    rows, cols = _window(source.name, x, y, source.crs, area, whose, notes)
     check_size(rows.stop - rows.start, cols.stop - cols.start)
     values, sigma = source.read(rows, cols)
     if sigma is not None and sigma.shape != values.shape:
@@ -88,7 +93,7 @@ def raster_of(source: GridSource, reading: Reading) -> Raster:
 
 
 def _window(
-    name: str, x: Grid, y: Grid, crs: Any, area: Area | None, notes: list[str]
+    name: str, x: Grid, y: Grid, crs: Any, area: Area | None, whose: str, notes: list[str]
 ) -> tuple[slice, slice]:
     """Rows and columns of the area wanted and one node around it."""
     if area is None:
@@ -99,13 +104,13 @@ def _window(
         swapped = "; is it longitude,latitude? An area is latitude,longitude of two opposite corners"
         inside = _between(x, south, north) is not None and _between(y, west, east) is not None
         raise ChartError(
-            f"area {area} lies off {name}, which reaches from {min(x[0], x[-1]):.8g} to {max(x[0], x[-1]):.8g} east "
+            f"{whose} {area} lies off {name}, which reaches from {min(x[0], x[-1]):.8g} to {max(x[0], x[-1]):.8g} east "
             f"and from {min(y[0], y[-1]):.8g} to {max(y[0], y[-1]):.8g} north"
             + (swapped if crs.is_geographic and inside else "")
         )
     whole = f"{y.size:,} x {x.size:,}"
     notes.append(
-        f"area {area}: {rows.stop - rows.start:,} x {cols.stop - cols.start:,} of {whole} nodes read"
+        f"{whose} {area}: {rows.stop - rows.start:,} x {cols.stop - cols.start:,} of {whole} nodes read"
     )
     return rows, cols
 

@@ -43,22 +43,22 @@ class Soundings:
     depth_m: Values
     """(N,) metres, positive down."""
     survey: NDArray[Any] | None = None
-    """(N,) labels of days or lines; None: not known."""
+    """(N,) labels of days or lines; None: unknown."""
     time_s: Values | None = None
-    """(N,) seconds; None: not known."""
+    """(N,) seconds; None: unknown."""
     origin: Origin = field(default_factory=Origin)
     name: str = "soundings"
     notes: tuple[str, ...] = ()
 
     @property
     def surveys(self) -> int:
-        """How many there are; 0 where that is not known."""
+        """Number of surveys; 0 where it is unknown."""
         return 0 if self.survey is None else np.unique(self.survey.astype(str)).size
 
 
 @dataclass(frozen=True)
 class Gridded:
-    """A chart made of soundings, and what its making told of its error."""
+    """A chart made of soundings, and the residuals found while making it."""
 
     chart: Chart
     residuals: ResidualReport | None
@@ -67,7 +67,7 @@ class Gridded:
     """None where segments were left as they are."""
 
     def as_dict(self) -> dict[str, Any]:
-        """What the making told, ready for JSON: residuals and alignment, each None where there is none."""
+        """Residuals and alignment, ready for JSON, each None where there is none."""
         return {
             "residuals": None if self.residuals is None else self.residuals.as_dict(),
             "alignment": None if self.alignment is None else self.alignment.as_dict(),
@@ -104,7 +104,7 @@ def grid_soundings(
         correlation_length_m: of that error; None finds it from residuals between surveys, or takes 10 m.
         origin: where the local zero lies.
         name: the chart's name.
-        notes: what to say before this function's own notes.
+        notes: printed before this function's own notes.
 
     Raises:
         ChartError: fewer than four soundings, all on one line, too small a cell, or nothing but holes.

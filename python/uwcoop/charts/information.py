@@ -1,4 +1,4 @@
-"""What terrain says about position: Fisher information of depth, and a summary of a chart.
+"""The terrain's information on position: Fisher information of depth, and a summary of a chart.
 
 A vehicle that crosses a window sounds n times, over slopes g, with an unknown offset between its depths and
 the chart's (the tide). What is left about position after the offset is

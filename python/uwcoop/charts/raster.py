@@ -18,7 +18,7 @@ from uwcoop.errors import ChartError
 from uwcoop.frames import LocalFrame, Origin, crs_of, crs_text, transformer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -75,7 +75,8 @@ def check_size(rows: int, cols: int) -> None:
     if rows * cols > MAX_NODES:
         raise ChartError(
             f"chart grid of {rows} x {cols} = {rows * cols:,} nodes is above {MAX_NODES:,}: "
-            "give the mission's area, or choose a larger cell"
+            "give the mission's area, or choose a larger cell (--area, chart.area; a scenario with all places in degrees "
+            "tells its area by itself)"
         )
 
 
@@ -101,10 +102,7 @@ def chart_from_raster(
         if square and abs(wanted - step_x) <= 1e-6 * step_x:
             grid = _Grid(raster.depth_m, raster.sigma_m, float(x[0]), float(y[0]), (step_x + step_y) / 2)
         else:
-            notes.append(
-                f"resampled bilinearly from cells of {step_x:.6g} x {step_y:.6g} m to {wanted:.6g} m"
-            )
-            grid = _resample_axes(raster, x, y, wanted)
+            grid = _resample_axes(raster, x, y, wanted, notes)
     notes.append(frame.description if frame else NO_PROJECTION)
     sigma = _sigma(grid, quality, notes)
     length = _correlation_length(sigma, quality, notes)
@@ -163,14 +161,17 @@ def _step(axis: Grid, name: str) -> float:
     return step
 
 
-def _lookup(values: Grid, x: Grid, y: Grid, at_x: Grid, at_y: Grid) -> Grid:
-    """Bilinear values at positions on the raster's axes; NaN outside and where a weighted node is a hole."""
+def _lookup(values: Grid, x: Grid, y: Grid, at_x: Grid, at_y: Grid, nearest: bool) -> Grid:
+    """Values at positions on the raster's axes, bilinear or of the nearest node; NaN outside and where a node that
+    counts is a hole."""
     j = (at_x - x[0]) / ((x[-1] - x[0]) / (x.size - 1))
     i = (at_y - y[0]) / ((y[-1] - y[0]) / (y.size - 1))
     # A node that is hit but for rounding is that node: holes beside it and the chart's edge do not count.
     i, j = (np.where(np.abs(a - np.rint(a)) < 1e-6, np.rint(a), a) for a in (i, j))
     inside = (i >= 0) & (i <= y.size - 1) & (j >= 0) & (j <= x.size - 1)
     i, j = np.where(inside, i, 0.0), np.where(inside, j, 0.0)
+    if nearest:
+        return np.where(inside, values[np.rint(i).astype(np.intp), np.rint(j).astype(np.intp)], np.nan)
     i0, j0 = (np.minimum(a.astype(np.intp), size - 2) for a, size in ((i, y.size), (j, x.size)))
     total = np.zeros(at_x.shape)
     for di, dj in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -180,15 +181,20 @@ def _lookup(values: Grid, x: Grid, y: Grid, at_x: Grid, at_y: Grid) -> Grid:
 
 
 _NEARLY_SQUARE = 1.05
+_SPARSE = 0.6
+"""Between nodes of which most have a hole beside them, as in a coarse part of a survey of variable resolution, bilinear
+lookup leaves a smaller share of the depths than this."""
 _BAND_NODES = 1 << 18
 """Nodes that are looked up at a time: memory beside the grids themselves stays small."""
 
 
-def _resample_axes(raster: Raster, x: Grid, y: Grid, cell_m: float) -> _Grid:
+def _resample_axes(raster: Raster, x: Grid, y: Grid, cell_m: float, notes: list[str]) -> _Grid:
     cols, rows = (int((axis[-1] - axis[0]) / cell_m + 1e-9) + 1 for axis in (x, y))
     check_size(rows, cols)
     east, north = x[0] + cell_m * np.arange(cols), y[0] + cell_m * np.arange(rows)
-    depth, sigma = _looked_up(raster, (x, y), (x, y), (east, north), cell_m, lambda e, n: (e, n))
+    depth, sigma, how = _looked_up(raster, (x, y), (x, y), (east, north), cell_m, lambda e, n: (e, n))
+    steps = f"{_step(raster.x, 'x'):.6g} x {_step(raster.y, 'y'):.6g}"
+    notes.append(f"resampled {how} from cells of {steps} m to {cell_m:.6g} m")
     return _Grid(depth, sigma, float(x[0]), float(y[0]), cell_m)
 
 
@@ -212,10 +218,8 @@ def _resample_projected(raster: Raster, frame: LocalFrame, cell_m: float | None,
 
     scaled = raster.x * (step_e / _step(raster.x, "x")), raster.y * (step_n / _step(raster.y, "y"))
     nodes = east0 + cell * np.arange(cols), north0 + cell * np.arange(rows)
-    depth, sigma = _looked_up(raster, scaled, (raster.x, raster.y), nodes, cell, back)
-    notes.append(
-        f"projected and resampled bilinearly from cells of {step_e:.4g} x {step_n:.4g} m to {cell:.6g} m"
-    )
+    depth, sigma, how = _looked_up(raster, scaled, (raster.x, raster.y), nodes, cell, back)
+    notes.append(f"projected and resampled {how} from cells of {step_e:.4g} x {step_n:.4g} m to {cell:.6g} m")
     return _Grid(depth, sigma, float(east0), float(north0), cell)
 
 
@@ -249,8 +253,8 @@ def _looked_up(
     nodes: tuple[Grid, Grid],
     cell_m: float,
     back: Callable[[Grid, Grid], tuple[Grid, Grid]],
-) -> tuple[Grid, Grid | None]:
-    """Depth and sigma at new nodes.
+) -> tuple[Grid, Grid | None, str]:
+    """Depth and sigma at new nodes, bilinear or, where the old nodes are too sparse, of the nearest; and how.
 
     Args:
         raster: the grids.
@@ -260,21 +264,33 @@ def _looked_up(
         cell_m: their distance.
         back: positions on the raster's axes of eastings and northings, each (M, cols).
     """
+    given = (raster.depth_m, raster.sigma_m)
+    grids = [_smoothed(values, *metres, cell_m) for values in given if values is not None]
+    made, how = _fill(grids, axes, nodes, back, nearest=False), "bilinearly"
+    left = np.isfinite(made[0]).mean() / np.isfinite(raster.depth_m).mean()
+    if left < _SPARSE:
+        made = _fill(grids, axes, nodes, back, nearest=True)
+        how = f"by the nearest node (bilinearly {100 * left:.0f} % of the depths would be left between the holes)"
+    return made[0], made[1] if len(made) > 1 else None, how
+
+
+def _fill(
+    grids: Sequence[Grid],
+    axes: tuple[Grid, Grid],
+    nodes: tuple[Grid, Grid],
+    back: Callable[[Grid, Grid], tuple[Grid, Grid]],
+    nearest: bool,
+) -> list[Grid]:
+    """Each grid at the new nodes, a band of rows at a time."""
     east, north = nodes
-    grids = [
-        None if values is None else _smoothed(values, *metres, cell_m)
-        for values in (raster.depth_m, raster.sigma_m)
-    ]
-    made = [None if values is None else np.empty((north.size, east.size), np.float32) for values in grids]
+    made = [np.empty((north.size, east.size), np.float32) for _ in grids]
     band = max(1, _BAND_NODES // east.size)
     for start in range(0, north.size, band):
         rows = slice(start, start + band)
         at = back(*np.meshgrid(east, north[rows]))
         for values, target in zip(grids, made, strict=True):
-            if values is not None and target is not None:
-                target[rows] = _lookup(values, *axes, *at)
-    assert made[0] is not None
-    return made[0], made[1]
+            target[rows] = _lookup(values, *axes, *at, nearest=nearest)
+    return made
 
 
 def _smoothed(values: Grid, x: Grid, y: Grid, cell_m: float) -> Grid:

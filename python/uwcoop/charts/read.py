@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from os import PathLike
@@ -47,6 +47,7 @@ def load_chart(
     align: bool = False,
     error_by_slope: bool = False,
     origin: Origin | tuple[float, float] | None = None,
+    mission_area: Callable[[], Area | None] | None = None,
 ) -> Chart:
     """Read a chart: GeoTIFF, NetCDF (CF, GMT, GEBCO), BAG, S-102, ESRI ASCII grid, or soundings as CSV or XYZ text
     (.gz).
@@ -78,6 +79,8 @@ def load_chart(
         error_by_slope: of soundings: the chart's error grows with its slope, as their residuals do, in place of one sigma
             everywhere. For surveys whose positions err more than their depths.
         origin: latitude and longitude of the local zero, degrees; None: the chart's middle.
+        mission_area: tells the area of a mission (None: unknown), which is read in place of a grid of more than 16
+            million nodes where no `area` is given.
 
     Raises:
         ChartError: one line that names what is wrong with the file or an argument.
@@ -85,7 +88,7 @@ def load_chart(
     """
     files = _files(path)
     kinds = [_kind(file) for file in files]
-    reading = _reading(crs, positive, depth_unit, nodata, area, cell_m)
+    reading = replace(_reading(crs, positive, depth_unit, nodata, area, cell_m), mission_area=mission_area)
     if not any(kind.key in _GRIDS for kind in kinds):
         return load_sounded(
             files, crs=crs, positive=positive, depth_unit=depth_unit, nodata=nodata, area=area, columns=columns,

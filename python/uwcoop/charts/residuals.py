@@ -1,4 +1,4 @@
-"""How wrong a chart made of soundings is: what one survey's soundings say of the chart that the others make.
+"""Errors of a chart made of soundings: each survey's soundings against the chart made from the others.
 
 The error of such a chart is one field: it keeps its value over some metres, because a survey's position error
 and datum hold for a while, and it grows with the slope, because a horizontal error e changes the depth by
@@ -57,7 +57,7 @@ class Residuals:
 
 @dataclass(frozen=True)
 class ResidualReport:
-    """What residuals say of a chart's error, and the quality that follows; lengths in metres.
+    """A chart's error estimated from residuals, and the quality that follows; lengths in metres.
 
     `autocorrelation` is pairs of (distance, correlation); `by_slope` pairs of (slope, robust standard
     deviation). Both, the lags, `flat_sd_m` and `horizontal_error_m` are of residuals less their survey's

@@ -1,4 +1,4 @@
-"""What a file's numbers mean: their unit, and whether they grow downwards.
+"""Unit and sign of a file's depths.
 
 A chart that is read upside down or in feet still looks like a chart, so nothing here is silent: what a file
 states is used and noted, what it does not state is found or assumed and noted, and what contradicts itself is refused.
@@ -41,7 +41,7 @@ _DOWN_NAMES = ("depth", "sounding", "bathymetric depth")
 
 @dataclass(frozen=True)
 class Stated:
-    """What a file says about its vertical numbers, as it says it; empty strings where it is silent.
+    """A file's statements on its vertical numbers, unchanged; empty strings where it states nothing.
 
     `positive` is the CF attribute "up" or "down" or a standard name, which are taken at their word; `hint` is
     a variable's name or long name, which the values' sign may overrule.

@@ -17,7 +17,8 @@ def chart(
         list[str],
         typer.Argument(
             metavar="FILE…",
-            help="GeoTIFF, NetCDF (CF, GMT, GEBCO), BAG, S-102, ESRI ASCII grid; soundings as CSV or XYZ, several files "
+            help="GeoTIFF, NetCDF (CF, GMT, GEBCO), BAG, S-102, ESRI ASCII grid; soundings as CSV or XYZ, "
+            "several files "
             "as surveys of one chart; or synthetic:st-john.",
         ),
     ],
@@ -29,20 +30,20 @@ def chart(
         ),
     ] = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Write depths and where terrain helps as a picture.")
+        Path | None, typer.Option(metavar="PNG", help="Draw the depths and where terrain determines a position.")
     ] = None,
     area: Annotated[
         str | None,
         typer.Option(
             metavar="LAT,LON,LAT,LON",
-            help="Read this part alone: two opposite corners in degrees, e.g. --area=47.60,-122.40,47.61,-122.38.",
+            help="Read only this part: two opposite corners in degrees, e.g. --area=47.60,-122.40,47.61,-122.38.",
         ),
     ] = None,
     columns: Annotated[
         str | None,
         typer.Option(
             metavar="X,Y,DEPTH[,SURVEY[,TIME]]",
-            help="Of soundings: their names in the header, e.g. lon,lat,depth.",
+            help="Names of the columns of soundings in the header, e.g. lon,lat,depth.",
         ),
     ] = None,
     cell: Annotated[float | None, typer.Option(metavar="M", help="Distance between nodes.")] = None,
@@ -75,10 +76,10 @@ def chart(
         typer.Option("--align", help="Of soundings: shift segments of 900 s until crossing ones agree."),
     ] = False,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the facts as JSON on stdout, and nothing else there.")
+        bool, typer.Option("--json", help="Print the description as JSON on stdout, and nothing else there.")
     ] = False,
 ) -> None:  # fmt: skip
-    """What a chart holds: extent, cell, depths, holes, slopes, and where terrain tells a position."""
+    """Describe a chart: extent, cell, depths, holes, slopes, and where terrain determines a position."""
     import json
 
     from uwcoop.charts import describe, load_sounded, write_chart

@@ -195,7 +195,7 @@ def study(
     ] = None,
     figures: FiguresOption = False,
 ) -> None:
-    """Many missions, the same for every navigator and variant: consistency and accuracy over all of them."""
+    """Run many missions, the same for every navigator and variant: accuracy and consistency over all of them."""
     from contextlib import suppress
 
     from uwcoop.errors import ScenarioError

@@ -58,5 +58,5 @@ JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the content of summary.json on stdout, and nothing else there.")
 ]
 FiguresOption = Annotated[
-    bool, typer.Option("--figures", help="Draw further pictures into DIR, those that the data allow.")
+    bool, typer.Option("--figures", help="Draw further pictures into DIR, as far as there are data for them.")
 ]

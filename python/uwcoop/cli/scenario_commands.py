@@ -1,4 +1,4 @@
-"""Commands about scenario files: what is packaged, which keys there are, what a schedule costs."""
+"""Commands about scenario files: packaged scenarios, keys, the budget of a schedule."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def scenarios(
         typer.Argument(metavar="[NAME]", help="Print this scenario's file, to start one of your own from."),
     ] = None,
 ) -> None:
-    """What is packaged: scenarios to simulate and navigators to run them with; or one scenario's file."""
+    """List the packaged scenarios and navigators, or print the file of one scenario."""
     from uwcoop.navigators import NAVIGATORS
     from uwcoop.report.input_tables import packaged_tables
     from uwcoop.scenario import packaged, packaged_text
@@ -33,7 +33,7 @@ def keys(
     ] = "",
     as_json: Annotated[bool, typer.Option("--json", help="Print them as JSON on stdout.")] = False,
 ) -> None:
-    """The keys of a scenario file, as `--set` takes them: unit, default, bound and meaning."""
+    """List the keys of a scenario file, as `--set` takes them: unit, default, bound and meaning."""
     import json
     from dataclasses import asdict
 
@@ -55,7 +55,7 @@ def budget(
         bool, typer.Option("--json", help="Print the plan as JSON on stdout, and nothing else there.")
     ] = False,
 ) -> None:
-    """What talking costs: fields, bytes, frames, air time, slot and cycle; what other teams and slots would do."""
+    """Show the acoustic budget: fields, bytes, frames, air time, slot and cycle; the same for other teams and slots."""
     import json
     from dataclasses import asdict
 

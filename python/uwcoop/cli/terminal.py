@@ -1,4 +1,4 @@
-"""What the user reads: results on stdout, everything else on stderr, errors in one line."""
+"""Output to the user: results on stdout, everything else on stderr, errors in one line."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 
 class OneLineErrors(TyperGroup):
-    """Bad input ends in one line on stderr and exit code 2, SIGINT in one and 130, SIGTERM in one and 143; what is not
-    expected keeps its traceback."""
+    """Bad input gives one line on stderr and exit code 2, SIGINT one line and 130, SIGTERM one line and 143; unexpected
+    errors keep their traceback."""
 
     def invoke(self, ctx: Any) -> Any:
         from uwcoop.errors import UwcoopError
@@ -55,7 +55,7 @@ def names_of(listed: str | None) -> list[str] | None:
 
 
 def say(line: str) -> None:
-    """One line beside the results: stdout is for them alone."""
+    """Print one line on stderr; stdout holds the results only."""
     print(line, file=sys.stderr)
 
 
@@ -84,19 +84,21 @@ def terminal(*, err: bool = False) -> Console:
 
 
 def print_run(result: RunResult, console: Console) -> None:
-    """The table of a run."""
+    """The table of a run, and below it what each navigator has no use for."""
     from uwcoop.navigators import not_realisable
-    from uwcoop.report.result_tables import summary_table
+    from uwcoop.report.result_tables import summary_table, unused_lines
 
     summary = result.summary
     marked = not_realisable(summary["navigators"])
     console.print(
         summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked)
     )
+    for line in unused_lines(summary):
+        console.print(line)
 
 
 def print_notes(log: MissionLog) -> None:
-    """What was assumed while the chart was read and the log was made."""
+    """Print what was assumed while the chart was read and the log was made."""
     for note in () if log.chart is None else log.chart.notes:
         say(f"chart: {note}")
     for note in log.notes:

@@ -96,7 +96,7 @@ def _rejected(run: VehicleRun) -> int | None:
 
 
 def _unsent(run: VehicleRun) -> int | None:
-    """Slots left silent by the end because what there was to say did not fit; None where it was not recorded."""
+    """Slots left silent by the end because the packet did not fit; None where it was not recorded."""
     return int(run.values("unsent")[-1]) if "unsent" in run.tracks else None
 
 

@@ -1,4 +1,4 @@
-"""How far off, and how honest: the metrics of `uwcoop.evaluation.metric_registry`, for one run and over a study.
+"""Accuracy and consistency: the metrics of `uwcoop.evaluation.metric_registry`, for one run and over a study.
 
 All statistics are over the instants of the 1 Hz grid strictly after `settle_s` (an attribute of the tracks), so that a
 navigator with more arrivals is not weighted differently. What does not apply is `None` (null in JSON, empty in CSV): no

@@ -1,4 +1,4 @@
-"""Is a covariance honest: the normalised estimation error squared (NEES), and the χ² interval of its mean."""
+"""Consistency of a covariance: the normalised estimation error squared (NEES), and the χ² interval of its mean."""
 
 from __future__ import annotations
 

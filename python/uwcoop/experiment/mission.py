@@ -1,4 +1,4 @@
-"""What a user means by a mission: a log, or a scenario that is simulated first."""
+"""A mission as users name it: a log, or a scenario that is simulated first."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a navigator's packet costs: fields, bits, bytes, frames, air time, slot and cycle."""
+"""Budget of a navigator's packet: fields, bits, bytes, frames, air time, slot and cycle."""
 
 from __future__ import annotations
 
@@ -76,12 +76,12 @@ class SlotPlan:
 
 @dataclass(frozen=True)
 class Positioning:
-    """What mutual positioning with the landmark puts on the air, beside the packets of exchanges."""
+    """Signals of the mutual positioning with the landmark, beside the packets of exchanges."""
 
     interval_s: float
     """Between two of one vehicle."""
     reply_bytes: int
-    """What the landmark's reply says: its bearing and depth; it takes one signal."""
+    """Size of the landmark's reply: its bearing and depth; it takes one signal."""
     signals: int
     """Of one positioning: the question and the reply."""
     air_time_s: float
@@ -110,7 +110,7 @@ class Budget:
     """Length of the poll that asks for each packet; 0 in one-way ranging."""
     poll_air_s: float
     reply_bytes: int
-    """What an answer carries beside the packet; 0 in one-way ranging."""
+    """Bytes of a reply beside the packet; 0 in one-way ranging."""
     costs: dict[str, Cost | None]
     """By navigator; None: it sends nothing."""
     tag_bytes: int = 0

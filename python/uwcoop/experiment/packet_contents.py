@@ -1,4 +1,4 @@
-"""What a packaged navigator's packet consists of, once the navigator is under way on a mission."""
+"""The fields of a packaged navigator's packet, after some time of a mission."""
 
 from __future__ import annotations
 

@@ -56,6 +56,8 @@ class RunResult:
     sent: dict[str, dict[str, float]]
     """By navigator, what the whole team put on the air: `bytes` and `air_time_s` in all, and how many `polls` of two-way
     ranging are in them."""
+    unused: dict[str, dict[str, int]]
+    """By navigator, how many events of each kind the team was handed that the navigator has no use for."""
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -63,6 +65,8 @@ class RunResult:
         summary = metrics.summarise(self.tracks, seconds=self.seconds, packets=self.packets)
         for name, sent in self.sent.items():
             summary["navigators"][name]["sent"] = sent
+            if self.unused[name]:
+                summary["navigators"][name]["unused"] = self.unused[name]
         return summary
 
 
@@ -120,6 +124,7 @@ def run(
         clouds=clouds_of(log, names, records) if clouds else None,
         seconds=seconds,
         sent={name: sent_by(native, record) for name, record in zip(names, records, strict=True)},
+        unused={name: record["unused"] for name, record in zip(names, records, strict=True)},
     )
 
 

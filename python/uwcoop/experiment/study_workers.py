@@ -23,12 +23,14 @@ from uwcoop.experiment.study_store import Row
 from uwcoop.navigators import Custom
 from uwcoop.report.interruption import ignored_in_children
 from uwcoop.scenario.setup import MissionSetup
+from uwcoop.world.mission_area import mission_area
 from uwcoop.world.simulate import open_chart, simulate
 
 if TYPE_CHECKING:
     import xarray as xr
 
     from uwcoop.charts import Chart
+    from uwcoop.charts.places import Area
     from uwcoop.missionlog import MissionLog
     from uwcoop.scenario.chart import ChartSpec
     from uwcoop.scenario.models import Scenario
@@ -132,7 +134,7 @@ def _fly(
     for k, scenario in job:
         world = scenario.world_text()
         if world not in logs:
-            logs[world] = simulate(scenario, seed, None if scenario.chart is None else _chart(scenario.chart))
+            logs[world] = simulate(scenario, seed, _chart_of(scenario))
         log = replace(logs[world], setup=MissionSetup.of(scenario))
         result = run(log, navigators, clouds=False)
         rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
@@ -140,7 +142,14 @@ def _fly(
     return flown
 
 
+def _chart_of(scenario: Scenario) -> Chart | None:
+    spec = scenario.chart
+    if spec is None:
+        return None
+    return _chart(spec, None if spec.synthetic is not None else mission_area(scenario))
+
+
 @lru_cache(maxsize=4)
-def _chart(spec: ChartSpec) -> Chart:
+def _chart(spec: ChartSpec, area: Area | None) -> Chart:
     # Once in each process: gridding soundings takes longer than a mission.
-    return open_chart(spec)
+    return open_chart(spec, lambda: area)

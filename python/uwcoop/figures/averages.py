@@ -40,7 +40,7 @@ def errors_over_time_figure(error_series: xr.Dataset, *, title: str) -> Figure:
         title: scenario.
 
     Raises:
-        TracksError: no errors, because truth is not known, or too many variants.
+        TracksError: no errors, because the truth is unknown, or too many variants.
     """
     figure_class = matplotlib_figure()
     if error_series.sizes["variant"] > MOST_VARIANTS:
@@ -49,7 +49,7 @@ def errors_over_time_figure(error_series: xr.Dataset, *, title: str) -> Figure:
         )
     mean, low, high = averages(error_series["error_m"].values)
     if np.isnan(mean).all():
-        raise TracksError("no run has an error: truth is not known")
+        raise TracksError("no run has an error: the truth is unknown")
     talking = [
         i for i in range(error_series.sizes["navigator"]) if error_series["heard"].values[:, :, i].any()
     ]

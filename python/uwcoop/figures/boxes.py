@@ -62,7 +62,7 @@ def boxes_figure(rows: Rows, keys: Sequence[str] = (), *, title: str, settle_s: 
     navigators = list(dict.fromkeys(str(row["navigator"]) for row in rows))
     groups = list(dict.fromkeys(tuple(row[key] for key in keys) for row in rows))
     if not any(row["final_error_m"] is not None for row in rows):
-        raise TracksError("no run has an error: truth is not known")
+        raise TracksError("no run has an error: the truth is unknown")
     width = float(np.clip(2.2 + (0.42 if keys else 1.0) * len(groups) * (len(navigators) + 1), 8.0, 22.0))
     figure = figure_class(figsize=(width, 8.2), dpi=DPI, layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)

@@ -1,4 +1,4 @@
-"""What bytes buy: error, consistency and length of packets by navigator and variant of a study."""
+"""Error and consistency against packet length, by navigator and variant of a study."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def bytes_figure(rows: Rows, keys: Sequence[str] = (), *, title: str) -> Figure:
     Silent navigators are lines across. One mark for each navigator and variant, over all runs and vehicles.
 
     Raises:
-        TracksError: nobody talks.
+        TracksError: no navigator sends packets.
     """
     found = summarised(rows, keys)
     if not any(entry["bytes"] for entry in found):
-        raise TracksError("nobody sends packets")
+        raise TracksError("no navigator sends packets")
     figure = matplotlib_figure()(
         figsize=(12.5, max(5.2, 0.27 * len(found) + 2.0)), dpi=DPI, layout="constrained"
     )

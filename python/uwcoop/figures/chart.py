@@ -1,4 +1,4 @@
-"""A chart as a picture: depths with hillshade, beside where terrain tells a vehicle its position."""
+"""A chart as a picture: depths with hillshade, and where terrain determines a vehicle's position."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What navigators believe of their error along the paths, and the geometry of the ranges that shaped it."""
+"""Covariances of the navigators along the paths, and the geometry of the ranges."""
 
 from __future__ import annotations
 

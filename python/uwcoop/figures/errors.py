@@ -108,7 +108,7 @@ def _draw_errors(axes: Axes, tracks: xr.Dataset, error_m: NDArray[np.float64], v
 
 
 def _draw_bounds(axes: Axes, tracks: xr.Dataset, vehicle: int) -> None:
-    """What no navigator's error can stay below in the long run, in black."""
+    """The Cramér-Rao bound, in black."""
     for name, style, _ in BOUND_LINES:
         if name in tracks and tracks[name].ndim == 2:
             axes.plot(

@@ -43,7 +43,7 @@ def bearings(tracks: xr.Dataset, packets: Packets, navigators: Sequence[int]) ->
 
     Returns:
         Columns `receiver`, `sender`, `toa_s` and `bearing_deg` (clockwise from north, 0 to 360), a row for
-        each arrival, by time; those whose places are not known are left out.
+        each arrival, by time; those with unknown positions are left out.
     """
     taken = packets["received"].astype(bool) & np.isin(packets["navigator"], navigators)
     if "bytes" in packets:

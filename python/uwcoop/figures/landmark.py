@@ -41,14 +41,14 @@ class Span:
 
 
 def landmark_spans(log: MissionLog) -> list[Span]:
-    """Who was the landmark from when to when, by the log's events.
+    """Which vehicle was the landmark at which times, by the log's events.
 
     Raises:
-        TracksError: nobody took the role.
+        TracksError: no vehicle took the role.
     """
     table = log.events.get("role_taken")
     if table is None or not table["landmark"].any():
-        raise TracksError("nobody takes the landmark's role in this mission")
+        raise TracksError("no vehicle takes the landmark's role in this mission")
     taken = table["landmark"]
     starts = [*(table["t_ns"][taken] / 1e9).tolist(), log.duration_ns / 1e9]
     return [Span(int(v), starts[k], starts[k + 1]) for k, v in enumerate(table["vehicle"][taken])]
@@ -58,11 +58,11 @@ def trajectories_figure(log: MissionLog, tracks: xr.Dataset, clouds: xr.Dataset 
     """True and estimated paths, particles at their instants, and positions measured by mutual positioning.
 
     One column for each navigator; above, positions by range and the landmark's bearing, below, by range and the
-    mover's own (Figs. 9 and 11). Measured positions start from what the two vehicles' navigators believed. A square
+    mover's own (Figs. 9 and 11). Measured positions start from the estimates of the two vehicles' navigators. A square
     is a place where a vehicle landed. Save with `figure.savefig(path)`; needs no display.
 
     Raises:
-        TracksError: nobody takes the landmark's role.
+        TracksError: no vehicle takes the landmark's role.
     """
     figure_class = matplotlib_figure()
     landmark_spans(log)
@@ -100,8 +100,8 @@ def trajectories_figure(log: MissionLog, tracks: xr.Dataset, clouds: xr.Dataset 
 def measured_positions(log: MissionLog, tracks: xr.Dataset, navigator: int) -> dict[str, Floats]:
     """Where fixes put the mover, (K, 2) each: "peer" by range and the landmark's bearing, "own" by the mover's own.
 
-    The landmark's pose is what the mover believed of it (its own navigator, for movers that say nothing of it), the
-    heading what the mover believed; navigators without a yaw take the true one where it is known.
+    The landmark's pose is the mover's estimate of it (or that of the landmark's own navigator, where the mover has none),
+    the heading is the mover's estimate; navigators without a yaw take the true one where it is known.
     """
     fixes = log.events.get("acoustic_fix")
     empty = np.empty((0, 2))
@@ -118,7 +118,7 @@ def measured_positions(log: MissionLog, tracks: xr.Dataset, navigator: int) -> d
 
 
 class Believed:
-    """What one kind of navigator believed of any vehicle at any time, between the tracks' instants."""
+    """Estimates of one kind of navigator for any vehicle at any time, between the tracks' instants."""
 
     def __init__(self, log: MissionLog, tracks: xr.Dataset, navigator: int) -> None:
         self._time = np.asarray(tracks["time"].values, dtype=np.float64)
@@ -142,7 +142,7 @@ class Believed:
     def landmark(
         self, mover: NDArray[np.int64], landmark: NDArray[np.int64], t_s: Floats
     ) -> tuple[Floats, Floats]:
-        """Position (K, 2) and yaw (K,) of the landmark as the mover believed before these times."""
+        """Position (K, 2) and yaw (K,) of the landmark as the mover estimated them before these times."""
         position, yaw = self.position_m(landmark, t_s), self.yaw_rad(landmark, t_s)
         if len(self._landmark) == 3:
             before = np.maximum(np.searchsorted(self._time, t_s, side="right") - 1, 0)
@@ -166,7 +166,7 @@ def velocities_figure(log: MissionLog) -> Figure:
     Thin vertical lines are landings; numbers count the exchanges. Save with `figure.savefig(path)`; needs no display.
 
     Raises:
-        TracksError: nobody takes the landmark's role, or no velocities are logged.
+        TracksError: no vehicle takes the landmark's role, or no velocities are logged.
     """
     figure_class = matplotlib_figure()
     spans = landmark_spans(log)

@@ -36,7 +36,7 @@ PANELS = 9
 
 
 def fix_offsets(log: MissionLog, tracks: xr.Dataset, navigator: int) -> dict[str, Floats]:
-    """Signed offsets of every fix from what the navigators believed, by (10), (11) and (13): metres and radians, (K,).
+    """Signed offsets of every fix from the navigators' predictions, by (10), (11) and (13): metres and radians, (K,).
 
     Poses are the mover's beliefs, between the tracks' instants. NaN: not measured.
     """
@@ -66,7 +66,7 @@ def offsets_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
     offsets is cut off. Save with `figure.savefig(path)`; needs no display.
 
     Raises:
-        TracksError: nobody takes the landmark's role, or there are no fixes.
+        TracksError: no vehicle takes the landmark's role, or there are no fixes.
     """
     figure_class = matplotlib_figure()
     spans = landmark_spans(log)

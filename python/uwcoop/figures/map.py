@@ -1,4 +1,4 @@
-"""The map of a mission: chart, true paths and, in one panel per navigator, what each vehicle believed."""
+"""The map of a mission: chart, true paths and, in one panel per navigator, each vehicle's estimates."""
 
 from __future__ import annotations
 

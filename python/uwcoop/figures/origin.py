@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 SHIFTING = "mdeif"
 AGAINST = ("deif", "cekf-received", "cekf")
 LEAST_M = 1e-16
-"""What is drawn for a difference of zero on the logarithmic axis."""
+"""Drawn for a difference of zero on the logarithmic axis."""
 
 
 def origin_figure(tracks: xr.Dataset) -> Figure:
@@ -70,6 +70,6 @@ def origin_figure(tracks: xr.Dataset) -> Figure:
 
 
 def _is_used(tracks: xr.Dataset, sender: int) -> bool:
-    """Whether somebody else heard this vehicle's navigator: who only acknowledges has an origin of no consequence."""
+    """Whether another vehicle received this navigator's packets; otherwise its origin is not used."""
     others = [k for k in range(tracks.sizes["vehicle"]) if k != sender]
     return bool(tracks["heard"].values[:, others].any())

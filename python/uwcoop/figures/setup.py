@@ -1,4 +1,4 @@
-"""The set-up of a mission: who goes where and measures what, and when each talks (Walls & Eustice 2012, Fig. 3)."""
+"""The set-up of a mission: paths, sensors and transmission slots (Walls & Eustice 2012, Fig. 3)."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ def setup_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
     """Left the true paths with the places of launches; right one cycle of slots and each vehicle's sensors.
 
     Raises:
-        TracksError: no truth, or nobody talks.
+        TracksError: no truth, or no slots.
     """
     truth = tracks["truth_position_m"].values
     if not np.isfinite(truth).any():
-        raise TracksError("the true paths are not known")
+        raise TracksError("the true paths are unknown")
     if not log.slots or not len(log.slots["tol_ns"]):
-        raise TracksError("nobody talks: there are no slots")
+        raise TracksError("there are no transmission slots")
     points = finite_points(truth)
     view = frame_around(points, 0.06 * float(np.ptp(points, axis=0).max()) + 1.0)
     figure = matplotlib_figure()(figsize=(12.5, 7.0), dpi=DPI, layout="constrained")

@@ -1,4 +1,4 @@
-"""What all pictures share: palette, markers, resolution, and the way to a matplotlib figure."""
+"""Style of all pictures: palette, markers, resolution, and how a matplotlib figure is made."""
 
 from __future__ import annotations
 

@@ -57,12 +57,12 @@ def traffic_figure(
         navigator: whose packets; None: the first whose packets were heard. Larger packets are lost more often.
 
     Raises:
-        TracksError: no truth, an unknown navigator, or nobody sends packets.
+        TracksError: no truth, an unknown navigator, or no packets were sent.
     """
     figure_class = matplotlib_figure()
     truth = tracks["truth_position_m"].values
     if not np.isfinite(truth).any():
-        raise TracksError("the true paths are not known")
+        raise TracksError("the true paths are unknown")
     own, name = _packets_of(tracks, packets, navigator)
     path = finite_points(truth)
     size = float(np.ptp(path, axis=0).max())

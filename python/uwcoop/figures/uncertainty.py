@@ -1,4 +1,4 @@
-"""How uncertain each navigator says it is, over time, beside how far off it was (Walls & Eustice 2012, Fig. 4)."""
+"""Each navigator's sigma over time, beside its error (Walls & Eustice 2012, Fig. 4)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 def uncertainty_figure(tracks: xr.Dataset, packets: Packets | None = None) -> Figure:
     """For each vehicle: above, the root of the trace of the position's covariance by navigator; below, the error.
 
-    Where a navigator is honest, its error stays about as large as it says. Ticks at the top are arrivals of packets at
+    Where a navigator is consistent, its error is about as large as its sigma. Ticks at the top are arrivals of packets at
     the navigator that heard most. Lines that lie on each other are drawn thinner, one over the other.
 
     Raises:

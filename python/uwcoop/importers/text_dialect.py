@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import codecs
 import csv
-import gzip
 import io
 import re
-import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -15,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uwcoop.errors import TableError
+from uwcoop.importers.bounded import open_binary, read_limit_bytes, refused
 from uwcoop.importers.column_roles import is_unit, split_label
 from uwcoop.importers.times import looks_like_time
 
@@ -70,36 +69,26 @@ def open_lines(path: Path, encoding: str) -> Iterator[Iterator[str]]:
     """The lines of a text file, gzipped or not; undecodable bytes become U+FFFD, which is part of no number.
 
     Raises:
-        TableError: a line without end, a damaged gzip stream, or one that inflates without end.
+        TableError: no regular file, a line without end, a damaged gzip stream, or one that inflates without end.
     """
-    with path.open("rb") as raw:
-        packed = raw.read(2) == b"\x1f\x8b"
-        raw.seek(0)
-        stream = gzip.GzipFile(fileobj=raw) if packed else raw
-        text = io.TextIOWrapper(stream, encoding=encoding, errors="replace")
-        largest = max(_INFLATED_FREELY, LARGEST_INFLATION * path.stat().st_size) if packed else None
-        yield _bounded(text, path.name, largest)
+    with refused(TableError, path.name), _open(path) as raw:
+        yield _bounded(io.TextIOWrapper(raw, encoding=encoding, errors="replace"), path.name)
 
 
-def _bounded(text: io.TextIOWrapper, name: str, largest: int | None) -> Iterator[str]:
-    total, number = 0, 0
-    try:
-        while line := text.readline(LONGEST_LINE + 1):
-            number += 1
-            if len(line) > LONGEST_LINE:
-                raise TableError(
-                    f"{name} line {number} is longer than {LONGEST_LINE:,} characters: it is no table"
-                )
-            total += len(line)
-            if largest is not None and total > largest:
-                raise TableError(
-                    f"{name} inflates to more than {LARGEST_INFLATION} times its size: unpack it and look"
-                )
-            yield line
-    except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise TableError(f"{name} is a gzip file that is cut off or damaged: {error}") from error
-    except UnicodeError as error:
-        raise TableError(f"{name} is text that is cut off or damaged: {error}") from error
+def _open(path: Path) -> io.BufferedReader:
+    """The file's bytes, inflated: a table of any length, but no more than a table can inflate to."""
+    return open_binary(path, read_limit_bytes(max(_INFLATED_FREELY, LARGEST_INFLATION * path.stat().st_size)))
+
+
+def _bounded(text: io.TextIOWrapper, name: str) -> Iterator[str]:
+    number = 1
+    while line := text.readline(LONGEST_LINE + 1):
+        if len(line) > LONGEST_LINE:
+            raise TableError(
+                f"{name} line {number} is longer than {LONGEST_LINE:,} characters: it is no table"
+            )
+        yield line
+        number += 1
 
 
 def content_lines(lines: Iterator[str], skipped: int = 0) -> Iterator[tuple[int, str]]:
@@ -170,13 +159,8 @@ def dialect_of(path: Path) -> Dialect:
 
 
 def _encoding(path: Path) -> str:
-    with path.open("rb") as raw:
-        packed = raw.read(2) == b"\x1f\x8b"
-        raw.seek(0)
-        try:
-            start = (gzip.GzipFile(fileobj=raw) if packed else raw).read(SAMPLE_BYTES)
-        except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-            raise TableError(f"{path.name} is a gzip file that is cut off or damaged: {error}") from error
+    with refused(TableError, path.name), _open(path) as raw:
+        start = raw.read(SAMPLE_BYTES)
     for mark, name in (
         (codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF32_BE, "utf-32"),
         (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"),

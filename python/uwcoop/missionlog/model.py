@@ -108,7 +108,7 @@ def event_columns(kind: str, t_ns: ArrayLike, vehicle: ArrayLike, **values: Arra
 
 @dataclass
 class MissionLog:
-    """One mission: who took part, what each vehicle sensed, when each could talk; apart: what was true."""
+    """One mission: vehicles, their sensor events, transmission slots; separately, the truth."""
 
     name: str
     seed: int

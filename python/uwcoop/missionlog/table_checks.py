@@ -19,6 +19,9 @@ __all__ = ["CheckedTable", "seconds_text"]
 
 _BOUNDS = {(kind, field): (*bounds, above) for kind, field, *bounds, above in event_bounds()}
 """By event kind and column: least and greatest value, and whether the least itself is refused; the core's table."""
+# A log may hold fixes of unknown covariance, all zeros: they get one before a navigator sees them.
+for _variance in ("cov_ee_m2", "cov_nn_m2"):
+    _BOUNDS["fix", _variance] = (0.0, *_BOUNDS["fix", _variance][1:])
 _OPTIONAL = {"range_m", "own_bearing_rad", "peer_bearing_rad"}  # NaN: not measured
 # Rounding may leave a singular covariance this much below zero, relative to its diagonal.
 _CORRELATION_SLACK = 1e-9

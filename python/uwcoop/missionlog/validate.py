@@ -203,7 +203,7 @@ def _receptions(table: CheckedTable) -> None:
 
 
 def _truth(log: MissionLog) -> None:
-    """Shapes and times; a value may be NaN where the truth is not known, never infinite."""
+    """Shapes and times; a value may be NaN where the truth is unknown, never infinite."""
     if log.truth is None:
         return
     names = {str(name) for name in log.truth.data_vars}

@@ -13,7 +13,7 @@ __all__ = ["ExchangeOptions", "LandmarkOptions", "LandmarkPaperOptions"]
 
 
 class ExchangeOptions(NavigatorOptions, method="landmark"):
-    """What all of them share: the acoustic channels, the frame, the packet of a role exchange."""
+    """Options of all of them: the acoustic channels, the frame, the packet of a role exchange."""
 
     sigma_range_m: float = FROM_CORE
     """σ_r, Table 4."""
@@ -22,11 +22,11 @@ class ExchangeOptions(NavigatorOptions, method="landmark"):
     sigma_peer_bearing_deg: float = FROM_CORE
     """σ_θ of the direction that the landmark measures, Table 4."""
     outlier_share: float = FROM_CORE
-    """ε: how many measurements of a channel are outliers, in the mixture likelihood."""
+    """ε: share of outliers among the measurements of a channel, in the mixture likelihood."""
     outlier_width_m: float = FROM_CORE
-    """Over how many metres an outlier's range may lie."""
+    """Width of the uniform density of an outlier's range."""
     outlier_width_rad: float = FROM_CORE
-    """Over how much of the circle an outlier's direction may lie."""
+    """Width of the uniform density of an outlier's direction."""
     landmark0_e_m: float = FROM_CORE
     """Pose of the first landmark: the frame, unless the scenario has another."""
     landmark0_n_m: float = FROM_CORE
@@ -36,7 +36,7 @@ class ExchangeOptions(NavigatorOptions, method="landmark"):
     packet_format: Literal[1, 2] = FROM_CORE
     """1: layout of the reference cases; 2: check over sender and launch time, variance of rounding added."""
     clusters_by: Literal["bic", "aic"] = FROM_CORE
-    """What chooses the number of clusters of a cloud (section II.D)."""
+    """Criterion for the number of clusters of a cloud (section II.D)."""
     cluster_starts: int = FROM_CORE
     """Starts of expectation-maximisation by k-means++."""
     cluster_iterations: int = FROM_CORE
@@ -47,7 +47,7 @@ class ExchangeOptions(NavigatorOptions, method="landmark"):
     cluster_ridge_many: float = FROM_CORE
     """The same for two and more."""
     cluster_search_points: int = FROM_CORE
-    """Particles that the choice of the number of clusters looks at."""
+    """Particles from which the number of clusters is chosen."""
 
 
 class LandmarkPaperOptions(ExchangeOptions, method="landmark-paper"):
@@ -78,7 +78,7 @@ class LandmarkPaperOptions(ExchangeOptions, method="landmark-paper"):
     monitor_trials: int = FROM_CORE
     """a, section IV.B."""
     monitor_reading: Literal["linear", "log"] = FROM_CORE
-    """L̄ < k L_max as printed fires on a perfect filter four times out of five; log compares logarithms."""
+    """L̄ < k L_max as printed gives an alarm on a correct filter four times out of five; log compares logarithms."""
     replace_share: float = FROM_CORE
     """r of (19), section IV.B."""
 
@@ -89,31 +89,31 @@ class LandmarkOptions(ExchangeOptions, method="landmark"):
     use_fixes: bool = FROM_CORE
     """Mutual positioning and exchanges; without, dead reckoning."""
     particles: int = FROM_CORE
-    """Particles while a Gaussian does not describe the belief; 0: always a Gaussian."""
+    """Particles while a Gaussian does not describe the posterior; 0: always a Gaussian."""
     resample_share: float = FROM_CORE
     roughening: float = FROM_CORE
     """Jitter after resampling, in σ n^(−1/6)."""
     bend_sigmas: float = FROM_CORE
-    """A Gaussian does while the bend ρ σ_β² / 2 of a direction stays below so many σ_r …"""
+    """A Gaussian is used while the nonlinearity ρ σ_β² / 2 of a direction stays below so many σ_r …"""
     yaw_limit_deg: float = FROM_CORE
-    """… and the relative yaw is known better than this …"""
+    """… and the sigma of the relative yaw is below this …"""
     kurtosis_limit: float = FROM_CORE
-    """… and, to leave the particles, their kurtosis is at most so many times a Gaussian's."""
+    """… and, to return from particles, their kurtosis is at most so many times a Gaussian's."""
     recovery: bool = FROM_CORE
-    """Start the mover anew where several positionings agree with each other and contradict the belief."""
+    """Initialise the mover again where several positionings agree with each other and contradict the estimate."""
     recovery_by: Literal["odds", "consensus"] = FROM_CORE
-    """odds: alternatives in which the vehicle jumped are followed beside the belief until one is likelier; consensus: a
-    vote of the last positionings, which sees a turn later and is deceived by outliers more often."""
+    """odds: alternative hypotheses with an unmeasured motion run beside the estimate until one is more likely; consensus:
+    a vote of the last positionings, which detects a turn later and gives more false alarms by outliers."""
     jump_window: int = FROM_CORE
-    """For so many positionings a jump of the vehicle that its odometry did not notice is held possible."""
+    """An alternative hypothesis (an unmeasured motion of the vehicle) is kept for so many positionings."""
     jump_sigma_m: float = FROM_CORE
-    """How far such a jump goes, per axis …"""
+    """Sigma of such a motion per axis …"""
     jump_sigma_yaw_deg: float = FROM_CORE
-    """… and how far it turns. One that goes anywhere is followed besides."""
+    """… and of its turn. A second alternative allows a motion of any size."""
     jump_share: float = FROM_CORE
     """Prior odds of one between two positionings."""
     jump_odds: float = FROM_CORE
-    """Posterior odds from which one is believed."""
+    """Posterior odds at which an alternative replaces the estimate."""
     consensus_window: int = FROM_CORE
     consensus_quorum: int = FROM_CORE
     consensus_agree: float = FROM_CORE
@@ -124,11 +124,11 @@ class LandmarkOptions(ExchangeOptions, method="landmark"):
     """Gyro bias, DVL scale and misalignment as states, calibrated while landed and by positioning."""
     bias_share: float = FROM_CORE
     """Prior probability that there are such biases: a filter without them runs beside, and the estimate is the mean of
-    both, weighed by how well each foresaw what was measured. 1: the states alone."""
+    both, weighted by their predictive likelihoods. 1: the filter with biases only."""
     sigma_gyro_bias0_degps: float = FROM_CORE
     sigma_gyro_bias_degps_per_sqrt_s: float = FROM_CORE
     sigma_dvl_scale0: float = FROM_CORE
     sigma_dvl_misalignment0_deg: float = FROM_CORE
     sigma_landing_m: float = FROM_CORE
-    """What the odometry does not see of a landing, per axis."""
+    """Motion of a landing that the odometry does not measure, per axis."""
     sigma_landing_yaw_deg: float = FROM_CORE

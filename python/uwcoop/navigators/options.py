@@ -36,7 +36,7 @@ DriftName = Literal["table-1", "no-dvl", "dvl"]
 
 
 class DriftOptions(NavigatorOptions, method="dead-reckoning"):
-    """How dead reckoning drifts. None takes the preset's value; walks are per root second."""
+    """Drift model of dead reckoning. None takes the preset's value; random walks are per root second."""
 
     drift: DriftName = FROM_CORE
     """Class of vehicle."""
@@ -61,7 +61,7 @@ class DeadReckoningOptions(DriftOptions, method="dead-reckoning"):
 
 
 class ClockOptions(BaseModel):
-    """What may be wrong with one-way ranges. What is not stated is as the scenario's `acoustics` says; 0 rules it out."""
+    """Errors of one-way ranges. Values that are not stated follow the scenario's `acoustics`; 0: no such error."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -72,16 +72,16 @@ class ClockOptions(BaseModel):
     sound_speed_sigma_mps: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
     """Sigma of the sound speed's error."""
     late_share: Annotated[float, Field(ge=0, le=0.9)] = 0.0
-    """Share of ranges that come late by a longer way."""
+    """Share of ranges by a longer path (multipath)."""
     lateness_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 20.0
-    """Mean lateness of those."""
+    """Their mean excess length."""
 
 
 def clock_of(acoustics: Acoustics) -> dict[str, float]:
-    """What a user who knows the hardware and the water says of them, as `ClockOptions`.
+    """The errors of ranges that the scenario states as sigmas and shares, as `ClockOptions`.
 
-    Two-way ranging has no use for what clocks differ by. What is off by a given amount, and not by a sigma, no user
-    knows.
+    Two-way ranging does not depend on differences between clocks. Errors of a given amount are not in it: a navigator
+    cannot know them.
     """
     one_way, clock = acoustics.ranging == "one-way", acoustics.clock
     return {
@@ -94,7 +94,7 @@ def clock_of(acoustics: Acoustics) -> dict[str, float]:
 
 
 class FilterOptions(DriftOptions, method="dmpf"):
-    """What all particle filters have."""
+    """Options of all particle filters."""
 
     particles: int = FROM_CORE
     """Number of particles."""
@@ -105,16 +105,16 @@ class FilterOptions(DriftOptions, method="dmpf"):
     sigma_range_m: float = FROM_CORE
     """Sigma of a range."""
     range_gate_sigmas: float | None = FROM_CORE
-    """Ranges that contradict the cloud by more than this many sigmas are gated and counted; None: never."""
+    """Ranges whose innovation exceeds this many sigmas are gated and counted; None: never."""
     clock: ClockOptions = Field(default=FROM_CORE, validate_default=True)
-    """What may be wrong with one-way ranges."""
+    """Errors of one-way ranges."""
 
 
 class DmpfOptions(FilterOptions, method="dmpf"):
     """Options of `dmpf`, `terrain-only` and `ranging-only`: the paper's values."""
 
     entropy_sigma_m: float | None = FROM_CORE
-    """Kernel width of the entropies (20)-(21) that say what a range told; set by `diagnostics.entropy`."""
+    """Kernel width of the entropies (20)-(21), for the information gained from a range; set by `diagnostics.entropy`."""
     packet: Literal["rounded", "f64", "modes", "particles"] = FROM_CORE
     """Broadcast belief: 15 bytes, or 47 as float64; `modes`: a Gaussian mixture (section 7); or all particles (section
     5.1), 24 bytes each."""
@@ -137,7 +137,7 @@ class DmpfOptions(FilterOptions, method="dmpf"):
 
 
 class TerrainOptions(FilterOptions, method="mpf"):
-    """What `mpf` and `team` share: the terrain core."""
+    """Options that `mpf` and `team` share: the terrain core."""
 
     sigma_depth_m: float | None = FROM_CORE
     """Sigma of a sounding; None: what the sensor states."""
@@ -148,7 +148,7 @@ class TerrainOptions(FilterOptions, method="mpf"):
     student_dof: float | None = FROM_CORE
     """Degrees of freedom of the sounding's Student t; None: 4, or a Gaussian on a chart whose error is not correlated."""
     correlation_length_m: float | None = FROM_CORE
-    """Distance over which the chart's error stays itself; None: as the chart states."""
+    """Correlation length of the chart's error; None: as the chart states."""
     sigma_map_m: float | None = FROM_CORE
     """Sigma of the chart's error; None: as the chart states."""
     sounding_spacing_m: float = FROM_CORE
@@ -165,21 +165,21 @@ class TerrainOptions(FilterOptions, method="mpf"):
     bias_states: bool = FROM_CORE
     """Compass and thrust bias as further Kalman states."""
     monitor: bool = FROM_CORE
-    """Spread the cloud when its soundings have contradicted it for long."""
+    """Spread the cloud when the innovations of its soundings stay too large."""
     monitor_forgetting: float = FROM_CORE
     """Weight of a new sounding in the mean normalised squared innovation."""
     monitor_clip: float = FROM_CORE
-    """One sounding counts at most this."""
+    """Largest value of the statistic for one sounding."""
     monitor_alarm: float = FROM_CORE
     """Alarm when the mean exceeds this."""
     monitor_spread_m: float = FROM_CORE
     """Spread of the position on an alarm."""
     monitor_repeat_spread_m: float = FROM_CORE
-    """Spread of the position on an alarm within `monitor_repeat_s` of the one before."""
+    """Spread of the position on an alarm within `monitor_repeat_s` of the previous one."""
     monitor_spread_current_mps: float = FROM_CORE
     """Spread of the current on an alarm."""
     monitor_quiet_s: float = FROM_CORE
-    """No two alarms are closer than this."""
+    """Shortest time between two alarms."""
     monitor_repeat_s: float = FROM_CORE
     """See `monitor_repeat_spread_m`."""
 
@@ -188,12 +188,12 @@ class MpfOptions(TerrainOptions, method="mpf"):
     """Options of `mpf` and `mpf-terrain-only`."""
 
     entropy_sigma_m: float | None = FROM_CORE
-    """Kernel width of the entropies that say what a range told; set by `diagnostics.entropy`."""
+    """Kernel width of the entropies, for the information gained from a range; set by `diagnostics.entropy`."""
     packet: Literal["rounded", "f64"] = FROM_CORE
     """Broadcast belief: 15 bytes, or 47 for studies without a limit on bandwidth."""
     range_novelty: bool = FROM_CORE
-    """The error of a teammate's position lasts: a range counts by the share of that error that is new since the
-    teammate was last heard. Off: every range counts alike."""
+    """Weight a range by the part of the teammate's position error that is independent of the error in its previous
+    packet. Off: every range has the same weight."""
     range_temper: float | None = FROM_CORE
-    """Further exponent of the range likelihood. None: 1 over the number of teammates, who may all pass on the same
-    information; 0.05 without `range_novelty`."""
+    """Further exponent of the range likelihood. None: 1 over the number of teammates, whose estimates may
+    contain the same information; 0.05 without `range_novelty`."""

@@ -54,6 +54,16 @@ def summary_table(
     return table
 
 
+def unused_lines(summary: Mapping[str, Any]) -> list[str]:
+    """A line for each navigator that has no use for some of the mission's events: their kinds, and how many there
+    were."""
+    return [
+        f"not used by {name}: " + ", ".join(f"{kind} {count}" for kind, count in navigator["unused"].items())
+        for name, navigator in summary["navigators"].items()
+        if navigator.get("unused")
+    ]
+
+
 def study_table(
     summary: Mapping[str, Any],
     *,

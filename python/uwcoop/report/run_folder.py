@@ -26,12 +26,6 @@ __all__ = [
 ]
 
 _CHART_DPI = 130
-RUN_FILES = (
-    "summary.json", "scenario.json", "tracks.nc", "errors.png", "map.png", "replay.rrd",
-    "covariance.png", "traffic.png", "information.png", "setup.png", "uncertainty.png", "origin.png",
-    "trajectories.png", "velocities.png", "offsets.png", "reconstruction.png",
-)  # fmt: skip
-"""Every file that `write_run` may write."""
 
 
 def write_run(
@@ -62,31 +56,7 @@ def write_run_files(
     result: RunResult, folder: Path, note: Callable[[str], None], *, figures: bool = False
 ) -> list[str]:
     """As `write_run`, into a folder that exists and is put in its place by the caller."""
-    writers: dict[str, Callable[[RunResult, Path], None]] = {
-        "summary.json": lambda r, path: _write_json(r.summary, path),
-        "scenario.json": lambda r, path: _write_json(resolved_scenario(r), path),
-        "tracks.nc": _write_tracks,
-        "errors.png": _write_errors,
-        "map.png": _write_map,
-        "replay.rrd": _write_replay,
-    }
-    if figures:
-        writers |= {
-            "covariance.png": _write_covariance,
-            "traffic.png": _write_traffic,
-            "information.png": _write_information,
-            "setup.png": _write_setup,
-            "uncertainty.png": _write_uncertainty,
-            "origin.png": _write_origin,
-            "current.png": _write_current,
-        }
-        if "role_taken" in result.log.events:
-            writers |= {
-                "trajectories.png": _write_trajectories,
-                "velocities.png": _write_velocities,
-                "offsets.png": _write_offsets,
-                "reconstruction.png": _write_reconstruction,
-            }
+    writers = _writers(figures=figures, exchanges_roles="role_taken" in result.log.events)
     written = []
     for name, write in writers.items():
         check()
@@ -270,3 +240,37 @@ def _write_replay(result: RunResult, path: Path) -> None:
     from uwcoop.viewer import write_replay
 
     write_replay(path, result.tracks, result.packets, result.clouds, result.log.chart, result.log)
+
+
+def _writers(*, figures: bool, exchanges_roles: bool) -> dict[str, Callable[[RunResult, Path], None]]:
+    """What writes each file of a run."""
+    writers: dict[str, Callable[[RunResult, Path], None]] = {
+        "summary.json": lambda r, path: _write_json(r.summary, path),
+        "scenario.json": lambda r, path: _write_json(resolved_scenario(r), path),
+        "tracks.nc": _write_tracks,
+        "errors.png": _write_errors,
+        "map.png": _write_map,
+        "replay.rrd": _write_replay,
+    }
+    if figures:
+        writers |= {
+            "covariance.png": _write_covariance,
+            "traffic.png": _write_traffic,
+            "information.png": _write_information,
+            "setup.png": _write_setup,
+            "uncertainty.png": _write_uncertainty,
+            "origin.png": _write_origin,
+            "current.png": _write_current,
+        }
+    if figures and exchanges_roles:
+        writers |= {
+            "trajectories.png": _write_trajectories,
+            "velocities.png": _write_velocities,
+            "offsets.png": _write_offsets,
+            "reconstruction.png": _write_reconstruction,
+        }
+    return writers
+
+
+RUN_FILES = tuple(_writers(figures=True, exchanges_roles=True))
+"""Every file that `write_run` may write."""

@@ -36,7 +36,7 @@ class Clock(Table):
 
 
 class TwoWay(Table):
-    """What a poll costs. Used when ranging is "two-way"."""
+    """Size and delay of a poll. Used when ranging is "two-way"."""
 
     poll_bytes: Annotated[int, Field(ge=1, le=64)] = 2
     """A short signal of its own: the poller and the vehicle polled."""
@@ -45,7 +45,7 @@ class TwoWay(Table):
 
 
 class ExponentialOutlier(Table):
-    """How much too long a range by another way is: small detours are the most frequent."""
+    """Excess length of a range by a longer path: small excesses are the most frequent."""
 
     distribution: Literal["exponential"] = "exponential"
     mean: Positive = 20.0
@@ -61,7 +61,7 @@ class ExponentialOutlier(Table):
 
 
 class UniformOutlier(Table):
-    """How much too long a range by another way is: anything between two lengths."""
+    """Excess length of a range by a longer path: uniform between two lengths."""
 
     distribution: Literal["uniform"]
     low: NonNegative
@@ -84,13 +84,13 @@ class UniformOutlier(Table):
 
 
 class Acoustics(Table):
-    """Who talks when over what. One slot after another; each starts on the scenario's clock."""
+    """Modem, schedule and channel. One slot follows another; each starts on the scenario's clock."""
 
     modem: Modem
-    """A packaged modem by name, or a table of one's own."""
+    """A packaged modem by name, or a table."""
     slot_s: Positive
     max_range_m: Positive
-    """The longest range for which the schedule keeps slots apart: the guard is what sound takes for it.
+    """The longest range for which the schedule keeps slots apart: the guard is the travel time over it.
     Beyond it signals still arrive, and collide if they do."""
     guard_s: NonNegative | None = None
     """Instead of the time that follows from max_range_m; the modem's turn-around comes on top."""
@@ -102,13 +102,13 @@ class Acoustics(Table):
     packet_bytes: Annotated[int, Field(ge=1)] | None = None
     """The longest packet that must fit a slot; checked when the mission is simulated."""
     ranging: Literal["one-way", "two-way"] = "one-way"
-    """one-way: everyone who hears a packet has its travel time, by clocks that agree. two-way: a slot holds a
+    """one-way: every receiver of a packet measures its travel time, with synchronised clocks. two-way: a slot holds a
     poll by one teammate and the packet as its reply; the poller alone has the range, whatever the clocks."""
     two_way: TwoWay = TwoWay()
     sound_speed_mps: Positive = 1500.0
-    """What the navigators believe."""
+    """Sound speed that the navigators assume."""
     sound_speed: SoundSpeed | None = None
-    """The water's true sound speed; without it, what the navigators believe."""
+    """The water's true sound speed; without it, the one that the navigators assume."""
     sound_speed_error_mps: float = 0.0
     """Added to the true one."""
     sound_speed_error_sigma_mps: NonNegative = 0.0
@@ -116,7 +116,7 @@ class Acoustics(Table):
     range_sigma_m: NonNegative = 1.0
     """Of a travel time (two-way: half a round trip), as a range."""
     range_outlier_share: Annotated[float, Field(ge=0, lt=1)] = 0.0
-    """Share of ranges that come by a longer way (multipath): late, never early."""
+    """Share of ranges by a longer path (multipath): late, never early."""
     range_outlier_m: Annotated[ExponentialOutlier | UniformOutlier, Field(discriminator="distribution")] = (
         ExponentialOutlier()
     )
@@ -148,7 +148,7 @@ class Acoustics(Table):
 
     @property
     def travel_s(self) -> float:
-        """Time that a slot leaves for the sound to reach everybody, seconds."""
+        """Time in a slot for the sound to reach every vehicle, seconds."""
         return self.guard_s if self.guard_s is not None else self.max_range_m / self.sound_speed_mps
 
     @property

@@ -26,7 +26,7 @@ class Area(Table):
     file: str | None = None
     """GeoJSON or WKT, relative to the scenario file; read when there is no polygon, which it then gives."""
     line_spacing_m: Positive
-    """Between lines: no place of the area is farther than half of it from a line, but for the margin."""
+    """Between lines: except for the margin, no point of the area is farther than half of it from a line."""
     heading_deg: float | None = None
     """Of the lines, clockwise from north; without it along the area's longest side."""
     margin_m: NonNegative = 0.0

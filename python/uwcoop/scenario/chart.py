@@ -95,6 +95,9 @@ class ChartSpec(Table):
     """A number of the file that means "no data", where it does not say so."""
     area: str | Annotated[tuple[float, float, float, float], Field(strict=False)] | None = None
     """Latitude and longitude of two opposite corners, degrees: only this part of the file is read."""
+    margin_m: NonNegative | None = None
+    """Around the mission's paths and tracks, where the file is read for these alone because it is too large to be
+    read whole; default 500 m."""
     columns: str | Annotated[tuple[str, ...], Field(strict=False)] | None = None
     cell_m: Positive | None = None
     max_gap_m: Positive | None = None
@@ -112,7 +115,7 @@ class ChartSpec(Table):
 
     def options(self) -> dict[str, Any]:
         """What the author set, beside the source: keyword arguments for the maker of the chart."""
-        given = self.model_dump(exclude={"source", "survey", "seabed"})
+        given = self.model_dump(exclude={"source", "survey", "seabed", "margin_m"})
         return {key: value for key, value in given.items() if value is not None}
 
     @model_validator(mode="after")
@@ -131,6 +134,8 @@ class ChartSpec(Table):
             if self.synthetic is not None
             else of_synthetic & self.options().keys()
         )
+        if self.synthetic is not None and self.margin_m is not None:
+            wrong = wrong | {"margin_m"}
         if wrong:
             kind = "a chart file" if self.synthetic is not None else "a synthetic chart"
             raise ValueError(

@@ -142,13 +142,14 @@ def default_of(key: str, value: Mapping[str, Any], schema: Mapping[str, Any], *,
 
 
 def models_by_name() -> dict[str, type[BaseModel]]:
-    """Every model of a scenario's tables by its class name."""
+    """Every model of a scenario's tables by its class name; tables inside a navigator's options too."""
     found: dict[str, type[BaseModel]] = {}
-    pending: list[type[BaseModel]] = [Table]
+    pending: list[type[BaseModel]] = [BaseModel, Table]
     while pending:
         model = pending.pop()
-        found[model.__name__] = model
-        pending += model.__subclasses__()
+        if model.__module__.startswith("uwcoop."):
+            found.setdefault(model.__name__, model)
+        pending += [inner for inner in model.__subclasses__() if inner is not Table]
     return found
 
 

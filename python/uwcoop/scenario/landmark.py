@@ -9,7 +9,7 @@ from pydantic import Field, model_validator
 from uwcoop.scenario.base import NonNegative, Point, Positive, Probability, Table
 
 LEAST_STATIC_FIXES = 6
-"""Fewer fixes after landing leave the new landmark's heading worse than the role's exchange is worth."""
+"""With fewer fixes after landing the heading of the new landmark is too uncertain for an exchange of the roles."""
 
 
 class Hover(Table):
@@ -27,13 +27,13 @@ class Hover(Table):
     hold_heading_deg: float | None = None
     """Heading that is held along the whole path, by surge and sway; None: the bow points along the path."""
     landing_shift_sigma_m: NonNegative = 0.03
-    """On each axis: how far touching down shifts a vehicle. Its DVL has lost the bottom by then."""
+    """On each axis: displacement at touchdown, when the DVL has no bottom track."""
     landing_turn_sigma_deg: NonNegative = 0.3
-    """How far touching down turns it; its gyro measures that."""
+    """Turn at touchdown; the gyro measures it."""
 
 
 class Deployment(Table):
-    """`[deployment]`: the first landmark stands, and its pose is the frame; the mover lands near it, searches and finds
+    """`[deployment]`: the pose of the first landmark defines the frame; the mover lands near it, searches and finds
     it. Matsuda et al. (2017), section IV.A."""
 
     position_sigma_m: Positive = 1.0
@@ -42,7 +42,7 @@ class Deployment(Table):
     search_s: NonNegative = 30.0
     """From landing until the mover has found the landmark: no fixes before."""
     static_fixes: Annotated[int, Field(ge=0)] = 3
-    """Fixes of the mover, still landed, before it sets out."""
+    """Fixes of the landed mover before it starts its path."""
     latitude_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
     longitude_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     """Of the first landmark, WGS 84, as a ship with USBL and GPS fixed it: results can then be placed on the globe."""
@@ -63,9 +63,9 @@ class Mutual(Table):
     own_bearing_sigma_deg: NonNegative = 6.0
     """Of the direction that the asking vehicle measures."""
     peer_bearing_sigma_deg: NonNegative = 1.0
-    """Of the direction that the landmark measures, and tells in its reply."""
+    """Of the direction that the landmark measures and sends in its reply."""
     reply_bytes: Annotated[int, Field(ge=1, le=8)] = 4
-    """What the reply says: the landmark's bearing and depth. It takes one signal of the modem."""
+    """Size of the reply's data: the landmark's bearing and depth. It takes one signal of the modem."""
     turnaround_s: NonNegative = 0.2
     """From the question's arrival to the reply's first signal; the chirp that is ranged on follows the signal."""
     max_range_m: Positive = 200.0
@@ -75,9 +75,9 @@ class Mutual(Table):
     channel_dropout_share: Probability = 0.02
     """Share of each single measurement (range, either bearing) that is missing in a reply."""
     outlier_share: Probability = 0.0
-    """Share of each single measurement that has nothing to do with the truth."""
+    """Share of each single measurement that is an outlier."""
     outlier_range_m: Point = (0.5, 60.0)
-    """Such a range lies anywhere between these; such a bearing anywhere."""
+    """An outlier's range is uniform between these, its bearing uniform over the circle."""
 
     @model_validator(mode="after")
     def _outliers_ascend(self) -> Mutual:
@@ -118,10 +118,10 @@ class OnSchedule(Table):
 
 
 class Exchange(Table):
-    """`[exchange]`: who takes turns, when the mover lands, and the packet that hands over the role.
+    """`[exchange]`: the vehicles that take turns, when the mover lands, and the packet that transfers the role.
 
-    All of it is settled when the mission is simulated, with a packet of `packet_bytes`; what a navigator sends in
-    the same slots may be longer and get lost where this one was not.
+    The roles are decided when the mission is simulated, with a packet of `packet_bytes`; a navigator's packet in the same
+    slots may be longer, and may be lost where this one was not.
     """
 
     main: Annotated[tuple[str, str], Field(strict=False)] | None = None
@@ -138,7 +138,7 @@ class Exchange(Table):
 
 
 class Kidnap(Table):
-    """`[kidnap]`: something turns or shifts a vehicle and no sensor of it notices."""
+    """`[kidnap]`: a turn or shift of a vehicle that none of its sensors measures."""
 
     time_s: Positive
     vehicle: str | None = None

@@ -6,7 +6,7 @@ import copy
 import json
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from uwcoop.scenario.base import nearest
 from uwcoop.scenario.chart import SYNTHETIC, ChartSpec
 from uwcoop.scenario.models import Scenario
 from uwcoop.scenario.secrets import redact
+from uwcoop.scenario.unread_options import without_unread
 from uwcoop.scenario.validation_message import one_line
 
 _PACKAGE = files("uwcoop.scenario") / "packaged_scenarios"
@@ -100,11 +101,8 @@ def apply_overrides(table: Mapping[str, Any], overrides: Iterable[str]) -> dict[
     Raises:
         ScenarioError: an override that is not of this form.
     """
-    changed: dict[str, Any] = copy.deepcopy(dict(table))
-    for override in overrides:
-        dotted, text = _halves(override)
-        _set(changed, dotted.split("."), _value(text, override), override)
-    return changed
+    halves = [(override, *_halves(override)) for override in overrides]
+    return _changed(table, [(dotted, _value(text, override), override) for override, dotted, text in halves])
 
 
 def apply_settings(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
@@ -113,9 +111,19 @@ def apply_settings(table: Mapping[str, Any], settings: Mapping[str, Any]) -> dic
     Raises:
         ScenarioError: a key that leads nowhere.
     """
+    return _changed(table, [(dotted, value, f"{dotted}={value}") for dotted, value in settings.items()])
+
+
+def _changed(table: Mapping[str, Any], changes: Sequence[tuple[str, Any, str]]) -> dict[str, Any]:
+    """A copy of the tables with (dotted key, value, override as given) each set. Options of navigators that this leaves
+    without effect are dropped with a warning."""
     changed: dict[str, Any] = copy.deepcopy(dict(table))
-    for dotted, value in settings.items():
-        _set(changed, dotted.split("."), value, f"{dotted}={value}")
+    for dotted, value, override in changes:
+        _set(changed, dotted.split("."), value, override)
+    keys = [dotted for dotted, _, _ in changes]
+    before, after = table.get("navigator"), changed.get("navigator")
+    if isinstance(before, Mapping) and isinstance(after, Mapping) and before != after:
+        changed["navigator"] = without_unread(before, after, keys)
     return changed
 
 

@@ -20,7 +20,7 @@ class NoLoss(Table):
 
 
 class IndependentLoss(Table):
-    """Each frame is lost with the same probability, whatever happened to the others."""
+    """Each frame is lost with the same probability, independently of the others."""
 
     model: Literal["independent"] = "independent"
     probability: Probability
@@ -46,13 +46,13 @@ class RangeTestColumns(Table):
 
 
 class DistanceLoss(Table):
-    """Loss that grows with slant range, as a range test found it."""
+    """Loss that grows with slant range, as measured in a range test."""
 
     model: Literal["distance"]
     table: Annotated[tuple[Point, ...], Field(strict=False, min_length=1)]
     """Rows of [distance_m, share received], in any order."""
     weights: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
-    """Of the rows, e.g. signals sent; without them all rows count alike."""
+    """Of the rows, e.g. signals sent; without them all rows have the same weight."""
     file: str | None = None
     """CSV of a range test, relative to the scenario file; read when there is no table, which it then gives."""
     columns: RangeTestColumns = RangeTestColumns()
@@ -110,7 +110,7 @@ class BurstLoss(Table):
 
 
 class Sector(Table):
-    """Relative bearings at which a vehicle hears or is heard badly, e.g. past its own thruster."""
+    """Relative bearings at which reception or transmission is poor, e.g. past the vehicle's own thruster."""
 
     bearing_deg: float = 180.0
     """Middle of the sector, clockwise from the bow; 180 is astern."""
@@ -123,7 +123,7 @@ class Sector(Table):
 
 
 class AspectLoss(Table):
-    """Loss that depends on where the other vehicle is as seen from the bow: shadows of thrusters and hulls."""
+    """Loss that depends on the relative bearing of the other vehicle: shadows of thrusters and hulls."""
 
     model: Literal["aspect"]
     sectors: Annotated[tuple[Sector, ...], Field(strict=False, min_length=1)]

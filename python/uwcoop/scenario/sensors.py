@@ -17,7 +17,7 @@ Rate = Annotated[float, Field(ge=0, le=1000)]
 
 
 class Fault(Table):
-    """Readings of one sensor that go wrong for a while; what the sensor states of its error does not change."""
+    """Wrong readings of one sensor in an interval of time; the sigma that the sensor states does not change."""
 
     kind: Literal["dropout", "stuck", "value"]
     """dropout: no readings. stuck: the last reading before it again and again. value: `value` in their place, as a
@@ -28,7 +28,7 @@ class Fault(Table):
     value: float | None = None
     """In the sensor's unit (m, °, m/s), on each axis."""
     share: Probability = 1.0
-    """Of the readings in this time that are struck, drawn one by one."""
+    """Share of the readings in this interval that are wrong, drawn for each reading."""
 
     @model_validator(mode="after")
     def _is_whole(self) -> Fault:
@@ -85,7 +85,7 @@ class GroundVelocitySensor(Table):
     sigma_per_root_mps: NonNegative = 0.0
     """Further noise: this times the root of the speed, (m/s)^0.5."""
     sigma_speed_mps: Point = (0.05, 0.5)
-    """Speeds below and above which the noise does not change any more."""
+    """Speeds below and above which the noise is constant."""
     scale_sigma: NonNegative = 0.0
     """Relative error of the speed, drawn for each vehicle and mission."""
     misalignment_sigma_deg: NonNegative = 0.0

@@ -1,4 +1,4 @@
-"""Tables of the vehicles: who they are, where they go, and how their dead reckoning errs."""
+"""Tables of the vehicles: their names, paths, sensors and errors of dead reckoning."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ DRIFT_PRESETS: dict[str, dict[str, float | bool]] = {
 
 
 class Drift(Table):
-    """How a vehicle's command differs from what it does. Biases are drawn for each vehicle and mission."""
+    """Difference between a vehicle's commanded and true velocity. Biases are drawn for each vehicle and mission."""
 
     preset: Literal["table-1", "no-dvl", "dvl"]
     compass_bias_deg: float = 0.0
@@ -148,7 +148,7 @@ class AreaShare(Table):
 
 
 class Adrift(Table):
-    """Not under way: the velocity is pushed about at random and forgotten, so that the vehicle stays around."""
+    """Adrift: the velocity is random and decays, and the position stays near the start."""
 
     kind: Literal["adrift"]
     start_m: Point | None = None
@@ -158,7 +158,7 @@ class Adrift(Table):
     push_m2ps3: Positive = 1e-4
     """Spectral density of the white acceleration on each axis."""
     velocity_time_s: Positive = 500.0
-    """After this time a velocity is forgotten to 1/e."""
+    """Time in which a velocity decays to 1/e."""
     spread_m: Positive = 250.0
     """In the long run, standard deviation of the position around its start on each axis."""
 
@@ -213,9 +213,9 @@ class Track(Table):
     where: dict[str, str] = {}  # noqa: RUF012 - pydantic copies it
     """Only rows in which these columns hold these values, e.g. one survey of a file with many."""
     start_s: NonNegative = 0.0
-    """How far into the record the mission starts."""
+    """Time in the record at which the mission starts."""
     max_gap_s: Positive = 120.0
-    """A longer silence in the record is refused; shorter ones become a straight line without soundings."""
+    """A longer gap in the record is refused; shorter ones become a straight line without soundings."""
     max_speed_mps: Positive = 15.0
     """A faster move from row to row is refused: the position is wrong."""
     drop_without_fix: bool = False
@@ -223,7 +223,7 @@ class Track(Table):
 
 
 class VehicleBase(Table):
-    """What vehicles have, one by one or as a team of equals."""
+    """Values of a vehicle, or of all vehicles of a team."""
 
     depth_m: NonNegative = 2.0
     """Below the surface, held throughout; a recorded track may bring its own."""
@@ -231,7 +231,7 @@ class VehicleBase(Table):
     look_ahead_m: Positive = 6.0
     """Distance ahead on the path at which pure pursuit steers."""
     fuses_ranges: bool = True
-    """False: its navigator takes packets and what they acknowledge, but no range (a support ship with GPS)."""
+    """False: its navigator uses packets and their acknowledgements, but no range (a support ship with GPS)."""
 
 
 class Fleet(VehicleBase):

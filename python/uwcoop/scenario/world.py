@@ -35,7 +35,7 @@ class ConstantCurrent(Table):
 
 
 class RandomWalkCurrent(Table):
-    """One current for the whole team that wanders."""
+    """One current for the whole team, a random walk."""
 
     model: Literal["random-walk"]
     walk_mps_per_sqrt_s: NonNegative
@@ -62,7 +62,7 @@ class Tide(Table):
 
 
 class Waves(Table):
-    """Waves that wash vehicles to and fro, each in a phase of its own, while the command knows only the plan.
+    """Waves that move vehicles to and fro, each with its own phase; the commanded velocity does not contain them.
 
     Recorded tracks hold their own waves: these are for planned paths.
     """

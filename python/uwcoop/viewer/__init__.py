@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from uwcoop.errors import LogError, MissingDependencyError, UwcoopError
 from uwcoop.report.atomic_files import atomic_write, finish_swap
 from uwcoop.report.interruption import forget
-from uwcoop.viewer import landmark, plots, posegraph, scene, traffic
+from uwcoop.viewer import current, landmark, plots, posegraph, scene, traffic
 from uwcoop.viewer.layout import blueprint
 from uwcoop.viewer.stage import Stage
 
@@ -44,7 +44,9 @@ def write_replay(
     `NAVIGATOR/VEHICLE/{trail,body/{position,cloud,ellipse_95}}`, `NAVIGATOR/packets/SENDER_to_RECEIVER`
     from launch until decoding ends, and for navigators with a pose graph
     `NAVIGATOR/graph/SENDER_at_RECEIVER/{nodes,edges,ranges,lost}` and `NAVIGATOR/graph/SENDER_origin`; beside
-    the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR` and the text log `acoustics/NAVIGATOR`.
+    the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR` and the text log `acoustics/NAVIGATOR`; where they
+    are estimated `current_mps/VEHICLE/{east,north}/{true,NAVIGATOR/{above,below}}` (twice its sigma above and below) and,
+    where a health monitor alarmed, `alarms/VEHICLE/NAVIGATOR`.
     Missions with a landmark also have the rays `fixes/VEHICLE/{landmark_sees,mover_sees}`, rings
     `truth/VEHICLE/landmark` and the text log `events`.
     Timeline `mission_time`: seconds since the mission's epoch. A cloud is logged where `clouds` has one and is
@@ -77,6 +79,7 @@ def write_replay(
             landmark.send(recording, stage, log)
             posegraph.send(recording, stage, tracks, packets)
             plots.send(recording, stage, tracks)
+            current.send(recording, stage, tracks, log)
             recording.flush()
             recording.disconnect()
     finally:

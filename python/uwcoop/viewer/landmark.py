@@ -1,4 +1,4 @@
-"""Missions with a landmark in the replay: measurement rays, who stands as the landmark, and what happens when."""
+"""Missions with a landmark in the replay: measurement rays, the current landmark, and events over time."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EVENTS = "events"
 
 
 def send(recording: Any, stage: Stage, log: MissionLog) -> None:
-    """Log rays, landmark marks and events; nothing for a mission in which nobody takes the role."""
+    """Log rays, landmark marks and events; nothing for a mission without a landmark."""
     if "role_taken" not in log.events:
         return
     _seabed(recording, stage)
@@ -48,7 +48,7 @@ def _seabed(recording: Any, stage: Stage) -> None:
 
 
 def _rays(recording: Any, stage: Stage, log: MissionLog) -> None:
-    """From the true landmark along its bearing, and from the true mover along its own, as long as the range says."""
+    """From the true landmark along its bearing, and from the true mover along its own, as long as the measured range."""
     fixes = log.events.get("acoustic_fix")
     if fixes is None:
         return

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.evaluation import metrics
+from uwcoop.viewer import current
 from uwcoop.viewer.landmark import EVENTS, FIXES
 from uwcoop.viewer.stage import TIMELINE, Stage, entity
 
@@ -55,21 +56,27 @@ def blueprint(
     error_plots = [
         _plot(
             stage,
-            "error_m",
-            vehicle,
+            entity("error_m", vehicle),
             f"{vehicle}: error (m)",
-            _error_top(error_m[:, j]),
+            (0.0, _error_top(error_m[:, j])),
             legend=j == 0 or not stacked,
         )
         for j, vehicle in enumerate(stage.vehicles)
     ]
     nees_plots = [
-        _plot(stage, "nees", vehicle, f"{vehicle}: NEES (ideal mean 2)", _nees_top(nees[:, j]), legend=False)
+        _plot(
+            stage,
+            entity("nees", vehicle),
+            f"{vehicle}: NEES (ideal mean 2)",
+            (0.0, _nees_top(nees[:, j])),
+            legend=False,
+        )
         for j, vehicle in enumerate(stage.vehicles)
     ]
+    further = [*_current_plots(stage, tracks), *_alarm_plots(stage, tracks)]
     right = [
         rrb.Vertical(*error_plots, name="error") if stacked else rrb.Tabs(*error_plots, name="error"),
-        rrb.Tabs(*nees_plots, name="NEES"),
+        rrb.Tabs(*nees_plots, *further, name="NEES, current" if further else "NEES"),
     ]
     talking = [
         n
@@ -122,13 +129,40 @@ def _scene(stage: Stage, navigator: str, kept: list[str], distance: float) -> An
     )
 
 
-def _plot(stage: Stage, quantity: str, vehicle: str, name: str, top: float, *, legend: bool) -> Any:
+def _current_plots(stage: Stage, tracks: xr.Dataset) -> list[Any]:
+    if not current.is_estimated(tracks):
+        return []
+    top = current.range_mps(tracks)
+    return [
+        _plot(
+            stage,
+            entity(current.CURRENT, vehicle, axis),
+            f"{vehicle}: current {axis} (m/s)",
+            (-top, top),
+            legend=True,
+        )
+        for vehicle in stage.vehicles
+        for axis in current.AXES
+    ]
+
+
+def _alarm_plots(stage: Stage, tracks: xr.Dataset) -> list[Any]:
+    if not current.has_alarms(tracks):
+        return []
+    top = 1.2 * float(np.nanmax(tracks[current.ALARMS].values))
+    return [
+        _plot(stage, entity(current.ALARMS, vehicle), f"{vehicle}: alarms so far", (0.0, top), legend=True)
+        for vehicle in stage.vehicles
+    ]
+
+
+def _plot(stage: Stage, origin: str, name: str, span: tuple[float, float], *, legend: bool) -> Any:
     import rerun as rr
     import rerun.blueprint as rrb
 
     start, end = float(stage.time_s[0]), float(stage.time_s[-1])
     return rrb.TimeSeriesView(
-        origin=entity(quantity, vehicle),
+        origin=origin,
         name=name,
         # Without a range, plots show half a minute around the cursor.
         axis_x=rrb.TimeAxis(
@@ -137,7 +171,7 @@ def _plot(stage: Stage, quantity: str, vehicle: str, name: str, top: float, *, l
                 end=rr.TimeRangeBoundary.absolute(seconds=end),
             )
         ),
-        axis_y=rrb.ScalarAxis(range=(0.0, top)),
+        axis_y=rrb.ScalarAxis(range=span),
         plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop, visible=legend),
     )
 

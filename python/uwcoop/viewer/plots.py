@@ -8,11 +8,10 @@ import numpy as np
 
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.nees import CHI2_95_2D
-from uwcoop.viewer.stage import Stage, entity, rgb, time_column
+from uwcoop.viewer.stage import Stage, entity, rgb, series
 
 if TYPE_CHECKING:
     import xarray as xr
-    from numpy.typing import NDArray
 
 NEES_LIMIT = f"95 % limit {CHI2_95_2D:.2f}"
 
@@ -22,31 +21,12 @@ def send(recording: Any, stage: Stage, tracks: xr.Dataset) -> None:
     for quantity, values in (("error_m", metrics.errors(tracks)), ("nees", metrics.nees(tracks))):
         for j, vehicle in enumerate(stage.vehicles):
             for i, navigator in enumerate(stage.navigators):
-                _series(
+                series(
                     recording, entity(quantity, vehicle, navigator), navigator, rgb(i),
                     stage.time_s, values.values[i, j, stage.at],
                 )  # fmt: skip
     for vehicle in stage.vehicles:
-        _series(
+        series(
             recording, entity("nees", vehicle, "limit"), NEES_LIMIT, (130, 130, 130),
             stage.time_s[[0, -1]], np.full(2, CHI2_95_2D),
         )  # fmt: skip
-
-
-def _series(
-    recording: Any,
-    path: str,
-    name: str,
-    colour: tuple[int, int, int],
-    seconds: NDArray[np.float64],
-    values: NDArray[np.float64],
-) -> None:
-    import rerun as rr
-
-    finite = np.isfinite(values)
-    if not finite.any():
-        return
-    recording.log(path, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]), static=True)
-    recording.send_columns(
-        path, indexes=[time_column(seconds[finite])], columns=rr.Scalars.columns(scalars=values[finite])
-    )

@@ -46,7 +46,7 @@ def kept(stage: Stage, tracks: xr.Dataset, packets: Packets) -> dict[str, list[s
 
 
 def send(recording: Any, stage: Stage, tracks: xr.Dataset, packets: Packets) -> None:
-    """Log the graphs of all navigators that have one; a node stands where the navigator put its sender then."""
+    """Log the graphs of all navigators that have one; a node is at the estimate of its sender at that time."""
     import rerun as rr
 
     origins: set[tuple[int, int]] = set()
@@ -83,7 +83,7 @@ def _links(stage: Stage, tracks: xr.Dataset, packets: Packets) -> Iterator[Link]
             at = own[(packets["sender"][own] == sender) & (packets["receiver"][own] == receiver)]
             at = at[np.argsort(packets["tol_ns"][at], kind="stable")]
             heard = packets["accepted"][at].astype(bool)
-            # Who only acknowledges builds no graph of the sender.
+            # A vehicle that only acknowledges builds no graph of the sender.
             if heard.any():
                 yield Link(
                     i, sender, receiver, packets["tol_ns"][at] / 1e9, packets["toa_ns"][at] / 1e9, heard

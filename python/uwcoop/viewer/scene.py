@@ -1,4 +1,4 @@
-"""The 3-D scene: seabed, surface, vehicles true and believed, trails, clouds and covariance ellipses."""
+"""The 3-D scene: seabed, surface, true and estimated vehicles, trails, clouds and covariance ellipses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every part of a replay agrees on: names, instants, depths, colours, and how the scene is scaled."""
+"""Shared by all parts of a replay: names, instants, depths, colours, and the scale of the scene."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class Stage:
 
     @property
     def root(self) -> str:
-        """The scene's entity; its name says how much heights are stretched."""
+        """The scene's entity; its name states the vertical exaggeration."""
         return "scene" if self.exaggeration == 1 else f"scene_depth_x{self.exaggeration}"
 
     @property
@@ -162,3 +162,25 @@ def _depth(time_s: Floats, log: MissionLog, vehicles: int) -> Floats:
         if own.any():
             depth[j] = np.interp(time_s, table["t_ns"][own] / 1e9, table["depth_m"][own])
     return depth
+
+
+def series(
+    recording: Any,
+    path: str,
+    name: str,
+    colour: tuple[int, int, int],
+    seconds: Floats,
+    values: Floats,
+    *,
+    width: float = 1.5,
+) -> None:
+    """Log a line over time; what is infinite or unknown is left out of it, and a line without a value is not logged."""
+    import rerun as rr
+
+    finite = np.isfinite(values)
+    if not finite.any():
+        return
+    recording.log(path, rr.SeriesLines(colors=[colour], names=[name], widths=[width]), static=True)
+    recording.send_columns(
+        path, indexes=[time_column(seconds[finite])], columns=rr.Scalars.columns(scalars=values[finite])
+    )

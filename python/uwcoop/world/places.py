@@ -56,7 +56,7 @@ def placed(scenario: Scenario, chart: Chart | None) -> Placed:
         paths |= _area_paths(scenario, scenario.area, origin, notes)
     for vehicle in scenario.team:
         where = f"vehicle {vehicle.name}"
-        paths[vehicle.name] = path = _path_in_metres(paths[vehicle.name], origin, where)
+        paths[vehicle.name] = path = path_in_metres(paths[vehicle.name], origin, where)
         _check_path(vehicle, path, where, notes)
     if scenario.exchange is not None:
         first = scenario.main[0]
@@ -95,7 +95,8 @@ def _local(points: Sequence[tuple[float, float]], origin: Origin, where: str) ->
     return [(float(east), float(north)) for east, north in local]
 
 
-def _path_in_metres(path: Path | None, origin: Origin, where: str) -> Path | None:
+def path_in_metres(path: Path | None, origin: Origin, where: str) -> Path | None:
+    """The path with metres around `origin` in place of degrees."""
     if isinstance(path, Waypoints) and path.waypoints_deg is not None:
         points = tuple(_local(path.waypoints_deg, origin, where))
         return path.model_copy(update={"waypoints_m": points, "waypoints_deg": None})
@@ -122,7 +123,7 @@ def _at_the_origin(name: str, path: Path | None) -> Path | None:
 def _area_paths(scenario: Scenario, area: Area, origin: Origin, notes: list[str]) -> dict[str, Waypoints]:
     team = [vehicle for vehicle in scenario.team if isinstance(vehicle.path, AreaShare)]
     yaw = None if area.heading_deg is None else float(yaw_from_heading(area.heading_deg))
-    polygon = _polygon(area, origin)
+    polygon = polygon_in_metres(area, origin)
     speeds = [vehicle.speed_mps for vehicle in team]
     found = survey_paths(polygon, area.line_spacing_m, yaw, area.margin_m, speeds)
     paths = {}
@@ -138,18 +139,30 @@ def _area_paths(scenario: Scenario, area: Area, origin: Origin, notes: list[str]
     return paths
 
 
-def _polygon(area: Area, origin: Origin) -> Any:
+def polygon_in_metres(area: Area, origin: Origin) -> Any:
     """The area's polygon in local metres."""
+    shapely = _shapely()
+    if area.polygon_m is not None:
+        return shapely.Polygon(area.polygon_m)
+    if area.polygon_deg is not None:
+        return shapely.Polygon(_local(area.polygon_deg, origin, "area"))
+    frame = _frame(origin, "area")
+    return shapely.transform(polygon_of_wkt(area), lambda xy: frame.to_local(xy[:, 1], xy[:, 0]))
+
+
+def _shapely() -> Any:
     from uwcoop.errors import MissingDependencyError
 
     try:
         import shapely
     except ImportError as error:
         raise MissingDependencyError("shapely", "maps") from error
-    if area.polygon_m is not None:
-        return shapely.Polygon(area.polygon_m)
-    if area.polygon_deg is not None:
-        return shapely.Polygon(_local(area.polygon_deg, origin, "area"))
+    return shapely
+
+
+def polygon_of_wkt(area: Area) -> Any:
+    """The polygon of `area.wkt`, degrees, longitude first."""
+    shapely = _shapely()
     assert area.wkt is not None
     try:
         found = shapely.from_wkt(area.wkt)
@@ -163,8 +176,7 @@ def _polygon(area: Area, origin: Origin) -> Any:
             f"area.wkt reaches from {lowest[0]:g}, {lowest[1]:g} to {highest[0]:g}, {highest[1]:g}: must be degrees, "
             "longitude first (metres go into polygon_m)"
         )
-    frame = _frame(origin, "area")
-    return shapely.transform(found, lambda xy: frame.to_local(xy[:, 1], xy[:, 0]))
+    return found
 
 
 def _check_path(vehicle: Vehicle, path: Path | None, where: str, notes: list[str]) -> None:

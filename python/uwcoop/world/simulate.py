@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,17 +16,19 @@ from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.scenario.setup import MissionSetup
 from uwcoop.world import sensors
+from uwcoop.world.mission_area import mission_area
 from uwcoop.world.places import coverage_notes, placed
 from uwcoop.world.random_streams import TEAM, Purpose, stream
 from uwcoop.world.tracks import read_tracks
 from uwcoop.world.vehicles import team_motion
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import xarray as xr
 
     from uwcoop.charts import Chart
+    from uwcoop.charts.places import Area
     from uwcoop.charts.survey import SurveyPlan
     from uwcoop.frames import Origin
     from uwcoop.missionlog.model import Columns
@@ -61,7 +63,7 @@ def simulate(
     if seed < 0:
         raise ScenarioError(f"seed is {seed}: must be at least 0")
     names = tuple(vehicle.name for vehicle in scenario.team)
-    seabed, chart = _seabed_and_chart(scenario.chart, chart, seed)
+    seabed, chart = _seabed_and_chart(scenario, chart, seed)
     place = placed(scenario, chart)
     world = place.scenario
     flown = (
@@ -97,7 +99,7 @@ def setup_notes(scenario: Scenario) -> tuple[str, ...]:
     """
     if scenario.area is None and all(vehicle.track is None for vehicle in scenario.team):
         return ()
-    chart = None if scenario.chart is None else open_chart(scenario.chart)
+    chart = None if scenario.chart is None else open_chart(scenario.chart, partial(mission_area, scenario))
     place = placed(scenario, chart)
     records = read_tracks(place.scenario.team, chart, place.origin, round(scenario.duration_s))
     return (*place.notes, *(note for record in records.values() for note in record.notes))
@@ -140,12 +142,15 @@ def _water_notes(scenario: Scenario, motion: Sequence[Motion]) -> list[str]:
 
 
 def _seabed_and_chart(
-    spec: ChartSpec | None, given: Chart | None, seed: int
+    scenario: Scenario, given: Chart | None, seed: int
 ) -> tuple[Chart | None, Chart | None]:
     """As `seabed_and_chart`, for scenarios that may have none; a chart that is given needs no table."""
+    spec = scenario.chart
     if spec is None:
         return given, given
-    return seabed_and_chart(spec, open_chart(spec) if given is None else given, seed)
+    return seabed_and_chart(
+        spec, open_chart(spec, partial(mission_area, scenario)) if given is None else given, seed
+    )
 
 
 def seabed_and_chart(spec: ChartSpec, source: Chart, seed: int) -> tuple[Chart, Chart]:
@@ -183,13 +188,19 @@ def _drawn_seabed(chart: Chart, seed: int, more: tuple[int, ...]) -> Chart:
     return drawn_seabed(chart, stream(seed, TEAM, Purpose.SEABED, *more))
 
 
-def open_chart(spec: ChartSpec) -> Chart:
+def open_chart(spec: ChartSpec, area: Callable[[], Area | None] | None = None) -> Chart:
     """Make a scenario's synthetic chart or read its chart file.
+
+    Args:
+        spec: the chart.
+        area: tells the mission's area, which alone is read of a grid that is too large to be read whole.
 
     Raises:
         ChartError: an unknown synthetic chart, or a file that cannot be read as a chart.
     """
-    return open_source(spec.source, **spec.options())
+    if spec.synthetic is not None:
+        return open_source(spec.source, **spec.options())
+    return open_source(spec.source, **spec.options(), mission_area=area)
 
 
 def open_source(source: str | Sequence[str], **options: Any) -> Chart:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from uwcoop.errors import ChartError, ScenarioError
-from uwcoop.frames import LocalFrame, crs_of
+from uwcoop.frames import LocalFrame, crs_of, transformer
 from uwcoop.world.track_file import TrackRows, read_rows
 
 if TYPE_CHECKING:
@@ -168,9 +168,7 @@ def _local(one: _Read, chart: Chart | None, origin: Origin | None) -> Array:
         if "longitude" in cells:
             latitude, longitude = cells["latitude"], cells["longitude"]
         else:
-            from pyproj import Transformer
-
-            to_wgs84 = Transformer.from_crs(crs_of(track.crs), "EPSG:4326", always_xy=True)
+            to_wgs84 = transformer(crs_of(track.crs), "EPSG:4326")
             longitude, latitude = to_wgs84.transform(cells["east"], cells["north"])
         _refuse_far(latitude, longitude, one, frame, chart)
         return frame.to_local(latitude, longitude)

@@ -38,6 +38,7 @@ pub struct Chart {
     sigma_map: SigmaMap,
     correlation_length_m: f64,
     mean_depth_m: f64,
+    depth_range_m: [f64; 2],
 }
 
 impl Chart {
@@ -82,9 +83,11 @@ impl Chart {
             }
         }
         let (mut sum, mut count) = (0.0, 0u64);
-        for d in depth_m.iter().filter(|d| d.is_finite()) {
-            sum += f64::from(*d);
+        let mut depth_range_m = [f64::INFINITY, f64::NEG_INFINITY];
+        for d in depth_m.iter().filter(|d| d.is_finite()).map(|d| f64::from(*d)) {
+            sum += d;
             count += 1;
+            depth_range_m = [depth_range_m[0].min(d), depth_range_m[1].max(d)];
         }
         if count == 0 {
             return Err(Error::Chart("every node is a hole".into()));
@@ -99,6 +102,7 @@ impl Chart {
             sigma_map,
             correlation_length_m,
             mean_depth_m: sum / count as f64,
+            depth_range_m,
         })
     }
 
@@ -175,4 +179,21 @@ impl Chart {
     pub fn mean_depth_m(&self) -> f64 {
         self.mean_depth_m
     }
+
+    /// Whether a water depth is possible on this chart: inside its range of depths, widened by half of that range (the
+    /// seabed in holes) and by `IMPOSSIBLE_SIGMAS` times `sigma_m` (sounder, tide and chart together).
+    #[must_use]
+    pub fn admits(&self, water_depth_m: f64, sigma_m: f64) -> bool {
+        let [shallowest, deepest] = self.depth_range_m;
+        let sigma_map_m = match &self.sigma_map {
+            SigmaMap::Uniform(sigma) => *sigma,
+            SigmaMap::PerNode { fallback, .. } => *fallback,
+        };
+        let slack_m = 0.5 * (deepest - shallowest) + IMPOSSIBLE_SIGMAS * sigma_m.hypot(sigma_map_m);
+        (shallowest - slack_m..=deepest + slack_m).contains(&water_depth_m)
+    }
 }
+
+/// A sounding further outside the chart's depths than this many sigmas is no sounding of this seabed: a sounder that is
+/// stuck, saturated, or in air.
+const IMPOSSIBLE_SIGMAS: f64 = 8.0;

@@ -35,7 +35,7 @@ const CORRELATION_ROUNDING: f64 = 1e-10;
 /// Whether a mean is finite and every pair of a covariance's leading `size` entries is one of a Gaussian: no variance
 /// below zero, correlations of at most one. Where sums of numbers of very different size have lost their digits, one of
 /// these fails. What is known exactly has a variance and covariances of zero.
-pub(super) fn is_sound<'a>(
+pub(crate) fn is_sound<'a>(
     mut mean: impl Iterator<Item = &'a f64>,
     size: usize,
     entry: impl Fn(usize, usize) -> f64,

@@ -1,4 +1,4 @@
-//! What a packet says of its sender's pose graph, decoded.
+//! The decoded part of a packet on its sender's pose graph.
 
 use serde::{Deserialize, Serialize};
 
@@ -6,7 +6,7 @@ use super::reconstruct::positive_part;
 use super::{Gaussian, GraphStep, Information, NODE, Node, NodeMatrix, NodeVector, symmetrized};
 use crate::error::Error;
 
-/// What a packet says of its newest node and the origin.
+/// The relation between a packet's newest node and the origin.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "lives on the stack while one packet is read")]
 pub enum OriginCorrelation {
@@ -19,20 +19,20 @@ pub enum OriginCorrelation {
     Correlation(NodeMatrix),
 }
 
-/// What a packet says of its newest node and an earlier one, exactly.
+/// The exact relation between a packet's newest node and an earlier one.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[allow(clippy::large_enum_variant, reason = "lives on the stack while one packet is read")]
 pub enum Lag {
     /// Their joint marginal.
     Joint(Information<8>),
-    /// The step between them, for who holds the earlier one as it was sent.
+    /// The step between them, for a receiver that holds the earlier one as it was sent.
     Rounded(RoundedLag),
 }
 
 /// A step in the scales of its two nodes: L₂ L₂ᵀ the earlier one's covariance as it was sent, L₃ L₃ᵀ the later one's.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RoundedLag {
-    /// A = L₂⁻¹ P₂|₃ L₂⁻ᵀ: what smoothing leaves of the earlier node's covariance.
+    /// A = L₂⁻¹ P₂|₃ L₂⁻ᵀ: the smoothed covariance of the earlier node.
     pub smoothed: NodeMatrix,
     /// L₂⁻¹ (x̂₂|₃ − x̂₂): how far smoothing moves its mean.
     pub shift: NodeVector,
@@ -43,8 +43,8 @@ pub struct RoundedLag {
 }
 
 impl RoundedLag {
-    /// What was learnt of the earlier node, A⁻¹ − I, and what that leaves of its covariance. Rounded up, A may exceed
-    /// what was known before: nothing was learnt in those directions.
+    /// The information gained on the earlier node, A⁻¹ − I, and the covariance that remains. Rounded up, A may exceed
+    /// I: the gain is zero in those directions.
     #[must_use]
     pub fn kept(&self) -> Option<(NodeMatrix, NodeMatrix)> {
         let inverse = symmetrized(&self.smoothed).try_inverse()?;
@@ -75,7 +75,7 @@ impl RoundedLag {
         let later_root = symmetrized(&later.covariance).cholesky().ok_or_else(refused)?.l();
         let transition = later_root * self.transition * smoothed_root.try_inverse().ok_or_else(refused)?;
         let mean = earlier.mean + root * self.shift;
-        let told_matrix = symmetrized(&(back.transpose() * told * back));
+        let smoothing_matrix = symmetrized(&(back.transpose() * told * back));
         // j: (P₂⁻¹ + J)⁻¹ (P₂⁻¹ x̂₂ + j) is the smoothed mean.
         let known = back.transpose() * back;
         let noise = symmetrized(&(later_root * self.scaled_noise() * later_root.transpose()));
@@ -83,8 +83,8 @@ impl RoundedLag {
             transition,
             offset: later.mean - transition * mean,
             noise: positive_part(&noise, &later.covariance).ok_or_else(refused)?,
-            told_matrix,
-            told_vector: told_matrix * mean + known * (mean - earlier.mean),
+            smoothing_matrix,
+            smoothing_vector: smoothing_matrix * mean + known * (mean - earlier.mean),
         })
     }
 }

@@ -21,6 +21,7 @@ mod step;
 mod tests;
 
 pub use chain::{Chain, Node};
+pub(crate) use gaussian::is_sound;
 pub use gaussian::{Gaussian, Information, symmetrized};
 pub use joint::{Innovation, Joint, Term};
 pub use step::GraphStep;

@@ -1,4 +1,4 @@
-//! White acceleration: the process of a vehicle that is not told what moves it.
+//! White acceleration: the process model of a vehicle without odometry.
 
 use super::NodeMatrix;
 

@@ -24,10 +24,10 @@ pub struct Reconstruction {
 /// Equation (6) loses about 2.2e-16 over this; at or below zero nothing is left.
 #[must_use]
 pub fn health(client: &Information<8>, server: &Information<8>) -> f64 {
-    let (known, said) = (Blocks::from(client).earlier, Blocks::from(server).earlier);
+    let (known, sent) = (Blocks::from(client).earlier, Blocks::from(server).earlier);
     let Some(root) = symmetrized(&known).cholesky() else { return f64::NAN };
     let Some(back) = root.l().try_inverse() else { return f64::NAN };
-    symmetrized(&(back * (known - said) * back.transpose())).symmetric_eigenvalues().min()
+    symmetrized(&(back * (known - sent) * back.transpose())).symmetric_eigenvalues().min()
 }
 
 /// The share of the least direction of D that rounding takes in float64; infinite when nothing is left.
@@ -40,7 +40,7 @@ pub fn loss(health: f64) -> f64 {
 /// Ω = C D⁻¹ Cᵀ, β = −X D⁻¹ Cᵀ, ν = C D⁻¹ d, Λ₃₃ = Λˢ₃₃ + X D⁻¹ Xᵀ, η₃ = ηˢ₃ − X D⁻¹ d.
 ///
 /// # Errors
-/// [`Error::NotPositiveDefinite`] when D is not: the packet no longer tells.
+/// [`Error::NotPositiveDefinite`] when D is not: rounding hides the correlation.
 pub fn origin_delta(client: &Information<8>, server: &Information<8>) -> Result<Reconstruction, Error> {
     let (client, server) = (Blocks::from(client), Blocks::from(server));
     let (c, x) = (client.across, server.across);
@@ -128,8 +128,8 @@ pub fn filtered_error_step(
         transition,
         offset: later.mean - transition * earlier.mean,
         noise: positive,
-        told_matrix: NodeMatrix::zeros(),
-        told_vector: NodeVector::zeros(),
+        smoothing_matrix: NodeMatrix::zeros(),
+        smoothing_vector: NodeVector::zeros(),
     })
 }
 

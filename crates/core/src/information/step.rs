@@ -6,11 +6,11 @@ use super::{Gaussian, Information, Joint, NODE, NodeMatrix, NodeVector, symmetri
 use crate::error::Error;
 use nalgebra::{SMatrix, SVector};
 
-/// An indefinite smoothing part is refused beyond this share of what is known of the earlier node.
+/// An indefinite smoothing part is refused beyond this share of the information on the earlier node.
 const INDEFINITE_SHARE_MAX: f64 = 1e-3;
 
-/// Everything that was predicted and measured between an earlier node x and a later one x′:
-/// x′ = Φ x + b + N(0, W), and exp(−½ xᵀJx + jᵀx) for what it says of x itself.
+/// Everything that was predicted and measured between an earlier node x and a later one x′: x′ = Φ x + b + N(0, W),
+/// and the likelihood exp(−½ xᵀJx + jᵀx) of x itself.
 ///
 /// Steps compose ([`GraphStep::then`]); no process noise is ever inverted, so W may be singular.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -21,10 +21,10 @@ pub struct GraphStep {
     pub offset: NodeVector,
     /// W, positive semi-definite.
     pub noise: NodeMatrix,
-    /// J, positive semi-definite: what later measurements tell of the earlier node.
-    pub told_matrix: NodeMatrix,
+    /// J, positive semi-definite: information of later measurements on the earlier node.
+    pub smoothing_matrix: NodeMatrix,
     /// j.
-    pub told_vector: NodeVector,
+    pub smoothing_vector: NodeVector,
 }
 
 impl Default for GraphStep {
@@ -41,8 +41,8 @@ impl GraphStep {
             transition: NodeMatrix::identity(),
             offset: NodeVector::zeros(),
             noise: NodeMatrix::zeros(),
-            told_matrix: NodeMatrix::zeros(),
-            told_vector: NodeVector::zeros(),
+            smoothing_matrix: NodeMatrix::zeros(),
+            smoothing_vector: NodeVector::zeros(),
         }
     }
 
@@ -70,8 +70,8 @@ impl GraphStep {
         let gain = s.solve(&cross.transpose()).transpose();
         let seen = observe * self.transition;
         let off = value - observe * self.offset;
-        self.told_matrix = symmetrized(&(self.told_matrix + seen.transpose() * s.solve(&seen)));
-        self.told_vector += seen.transpose() * s.solve(&off);
+        self.smoothing_matrix = symmetrized(&(self.smoothing_matrix + seen.transpose() * s.solve(&seen)));
+        self.smoothing_vector += seen.transpose() * s.solve(&off);
         let keep = NodeMatrix::identity() - gain * observe;
         self.transition = keep * self.transition;
         self.offset += gain * off;
@@ -84,22 +84,22 @@ impl GraphStep {
     /// # Errors
     /// [`Error::NotPositiveDefinite`] when I + WJ cannot be inverted.
     pub fn then(&self, next: &Self) -> Result<Self, Error> {
-        let settle = (NodeMatrix::identity() + self.noise * next.told_matrix)
+        let settle = (NodeMatrix::identity() + self.noise * next.smoothing_matrix)
             .try_inverse()
             .ok_or(Error::NotPositiveDefinite { quantity: "I + WJ between two steps" })?;
         let onward = next.transition * settle;
-        let heard = next.told_matrix * settle;
+        let heard = next.smoothing_matrix * settle;
         Ok(Self {
             transition: onward * self.transition,
-            offset: onward * (self.offset + self.noise * next.told_vector) + next.offset,
+            offset: onward * (self.offset + self.noise * next.smoothing_vector) + next.offset,
             noise: symmetrized(&(onward * self.noise * next.transition.transpose() + next.noise)),
-            told_matrix: symmetrized(
-                &(self.told_matrix + self.transition.transpose() * heard * self.transition),
+            smoothing_matrix: symmetrized(
+                &(self.smoothing_matrix + self.transition.transpose() * heard * self.transition),
             ),
-            told_vector: self.told_vector
+            smoothing_vector: self.smoothing_vector
                 + self.transition.transpose()
                     * settle.transpose()
-                    * (next.told_vector - next.told_matrix * self.offset),
+                    * (next.smoothing_vector - next.smoothing_matrix * self.offset),
         })
     }
 
@@ -127,11 +127,11 @@ impl GraphStep {
         matrix.fixed_view_mut::<4, 4>(0, 0).copy_from(&weight);
         matrix.fixed_view_mut::<4, 4>(0, 4).copy_from(&across);
         matrix.fixed_view_mut::<4, 4>(4, 0).copy_from(&across.transpose());
-        let earlier = symmetrized(&(self.told_matrix - self.transition.transpose() * across));
+        let earlier = symmetrized(&(self.smoothing_matrix - self.transition.transpose() * across));
         matrix.fixed_view_mut::<4, 4>(4, 4).copy_from(&earlier);
         let mut vector = SVector::<f64, 8>::zeros();
         vector.fixed_rows_mut::<4>(0).copy_from(&(weight * self.offset));
-        vector.fixed_rows_mut::<4>(4).copy_from(&(self.told_vector + across.transpose() * self.offset));
+        vector.fixed_rows_mut::<4>(4).copy_from(&(self.smoothing_vector + across.transpose() * self.offset));
         Ok(Information { matrix, vector })
     }
 
@@ -148,12 +148,17 @@ impl GraphStep {
         let later = delta.vector.fixed_rows::<4>(0).into_owned();
         let transition = -cholesky.solve(&across);
         let offset = cholesky.solve(&later);
-        let told_matrix = symmetrized(
+        let smoothing_matrix = symmetrized(
             &(delta.matrix.fixed_view::<4, 4>(4, 4).into_owned() + across.transpose() * transition),
         );
-        let told_vector = delta.vector.fixed_rows::<4>(4) - across.transpose() * offset;
-        let mut step =
-            Self { transition, offset, noise: symmetrized(&cholesky.inverse()), told_matrix, told_vector };
+        let smoothing_vector = delta.vector.fixed_rows::<4>(4) - across.transpose() * offset;
+        let mut step = Self {
+            transition,
+            offset,
+            noise: symmetrized(&cholesky.inverse()),
+            smoothing_matrix,
+            smoothing_vector,
+        };
         step.drop_indefinite(earlier)?;
         Ok(step)
     }
@@ -163,7 +168,7 @@ impl GraphStep {
     fn drop_indefinite(&mut self, earlier: &Gaussian<NODE>) -> Result<(), Error> {
         let refused = || Error::NotPositiveDefinite { quantity: "what a step tells of its earlier node" };
         let root = symmetrized(&earlier.covariance).cholesky().ok_or_else(refused)?.l();
-        let whitened = symmetrized(&(root.transpose() * self.told_matrix * root)).symmetric_eigen();
+        let whitened = symmetrized(&(root.transpose() * self.smoothing_matrix * root)).symmetric_eigen();
         let least = whitened.eigenvalues.min();
         if least >= 0.0 {
             return Ok(());
@@ -171,16 +176,16 @@ impl GraphStep {
         if least.is_nan() || least < -INDEFINITE_SHARE_MAX {
             return Err(refused());
         }
-        let tells = root.transpose() * (self.told_vector - self.told_matrix * earlier.mean);
+        let tells = root.transpose() * (self.smoothing_vector - self.smoothing_matrix * earlier.mean);
         let back = root.try_inverse().ok_or_else(refused)?;
         let kept = whitened.eigenvalues.map(|value| value.max(0.0));
         let whitened_matrix =
             whitened.eigenvectors * NodeMatrix::from_diagonal(&kept) * whitened.eigenvectors.transpose();
         let along = whitened.eigenvectors.transpose() * tells;
         let positive = NodeVector::from_fn(|k, _| if kept[k] > 0.0 { along[k] } else { 0.0 });
-        self.told_matrix = symmetrized(&(back.transpose() * whitened_matrix * back));
-        self.told_vector =
-            back.transpose() * (whitened.eigenvectors * positive) + self.told_matrix * earlier.mean;
+        self.smoothing_matrix = symmetrized(&(back.transpose() * whitened_matrix * back));
+        self.smoothing_vector =
+            back.transpose() * (whitened.eigenvectors * positive) + self.smoothing_matrix * earlier.mean;
         Ok(())
     }
 
@@ -200,8 +205,8 @@ impl GraphStep {
     /// # Errors
     /// As [`GraphStep::apply`]; nothing has changed then.
     pub fn apply_to(&self, joint: &mut Joint, node: usize) -> Result<(), Error> {
-        if self.told_matrix.iter().any(|value| *value != 0.0) {
-            joint.inform(node, &self.told_matrix, &self.told_vector)?;
+        if self.smoothing_matrix.iter().any(|value| *value != 0.0) {
+            joint.inform(node, &self.smoothing_matrix, &self.smoothing_vector)?;
         }
         joint.propagate(node, &self.transition, &self.offset, &self.noise);
         Ok(())

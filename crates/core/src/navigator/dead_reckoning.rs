@@ -1,4 +1,4 @@
-//! Dead reckoning: commanded velocity summed up, with an honest covariance. Ranges and soundings are not used.
+//! Dead reckoning: integrated commanded velocity, with a consistent covariance. Ranges and soundings are not used.
 
 use std::sync::Arc;
 
@@ -185,15 +185,15 @@ impl Navigator for DeadReckoning {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = Vec::with_capacity(9);
+        let mut columns = Vec::with_capacity(9);
         for (k, [name, name_of_sigma]) in LINEAR_STATES.into_iter().enumerate() {
             let variance = self.core.covariance[(2 + k, 2 + k)];
             let known = self.core.started;
-            said.push((name, if known { self.core.mean[2 + k] } else { f64::NAN }));
-            said.push((name_of_sigma, if known { variance.max(0.0).sqrt() } else { f64::NAN }));
+            columns.push((name, if known { self.core.mean[2 + k] } else { f64::NAN }));
+            columns.push((name_of_sigma, if known { variance.max(0.0).sqrt() } else { f64::NAN }));
         }
-        said.push(("gated_fixes", self.core.rejected as f64));
-        said
+        columns.push(("gated_fixes", self.core.rejected as f64));
+        columns
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {

@@ -58,19 +58,19 @@ impl<const K: usize> ParticleCore<K> {
     /// Mean (10) and standard deviation (12) of each linear state, counts by kind; NaN before the start.
     #[must_use]
     pub fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = Vec::with_capacity(16);
+        let mut columns = Vec::with_capacity(16);
         let mean = self.cloud.linear_mean();
         for (k, column) in self.cloud.linear.iter().enumerate() {
             let spread_m2 = weighted_covariance(self.cloud.weights(), column, mean[k], column, mean[k]);
             let sigma = (self.covariance[(k, k)] + spread_m2).max(0.0).sqrt();
             let [name, name_of_sigma] = LINEAR_STATES[k];
             let known = self.started();
-            said.push((name, if known { mean[k] } else { f64::NAN }));
-            said.push((name_of_sigma, if known { sigma } else { f64::NAN }));
+            columns.push((name, if known { mean[k] } else { f64::NAN }));
+            columns.push((name_of_sigma, if known { sigma } else { f64::NAN }));
         }
-        said.extend(self.gated.diagnostics());
-        said.push(("restarts", f64::from(self.restarts)));
-        said
+        columns.extend(self.gated.diagnostics());
+        columns.push(("restarts", f64::from(self.restarts)));
+        columns
     }
 }
 

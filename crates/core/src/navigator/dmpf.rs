@@ -9,22 +9,28 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use super::diagnostics::teammates;
 use super::drift::Drift;
+use super::last_heard::LastHeard;
 use super::particle_core::ParticleCore;
 use super::radio::Radio;
 use super::range::RangeOptions;
+use super::settings::{DmpfSettings, Settings, check_all};
 use super::snapshot::{load, save};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, non_negative, positive};
+use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
 use crate::kernels::pattern::Pattern;
 use crate::mixture::{Mode, fit};
-use crate::packet::{Belief, MODES_MAX, PacketKind};
+use crate::packet::{Belief, PacketKind};
 use crate::random::{Purpose, Streams};
 
-/// Options of `dmpf`; the paper's values are the defaults of the Python layer.
+/// The paper has no tide; a sounding may lie outside the chart's depths by as much as `mpf` believes of one, m.
+const TIDE_SIGMA_M: f64 = 1.0;
+
+/// Options of `dmpf`; [`DmpfSettings`] holds the paper's values.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DmpfOptions {
     /// N.
@@ -49,9 +55,6 @@ pub struct DmpfOptions {
     pub drift: Drift,
 }
 
-/// Longest segment: soundings stay within the trajectory that is kept, and the fast path within one pattern.
-const MAX_WINDOW: usize = 120;
-
 /// The navigator.
 pub struct Dmpf {
     own: VehicleId,
@@ -65,6 +68,7 @@ pub struct Dmpf {
 struct DmpfState {
     core: ParticleCore<2>,
     radio: Radio,
+    last_heard: LastHeard,
     soundings: VecDeque<Sounding>,
 }
 
@@ -94,26 +98,17 @@ impl Dmpf {
         sound_speed_mps: f64,
         seed: u64,
     ) -> Result<Self, Error> {
-        positive("sigma_like_m", options.sigma_like_m)?;
-        non_negative("roughening_m2", options.roughening_m2)?;
-        positive("resample_share", options.resample_share)?;
         if let Some(range) = &options.range {
             range.validate()?;
         }
-        if !(1..=MODES_MAX).contains(&options.modes) {
-            return Err(Error::OutOfBound {
-                quantity: "modes",
-                value: options.modes as f64,
-                bound: "1 to 4",
-            });
-        }
-        if !(1..=MAX_WINDOW).contains(&options.window) {
-            return Err(Error::OutOfBound {
-                quantity: "window",
-                value: options.window as f64,
-                bound: "1 to 120 differences",
-            });
-        }
+        let values = [
+            ("sigma_like_m", options.sigma_like_m),
+            ("roughening_m2", options.roughening_m2),
+            ("resample_share", options.resample_share),
+            ("modes", options.modes as f64),
+            ("window", options.window as f64),
+        ];
+        check_all(&DmpfSettings::bounds(), &values)?;
         Ok(Self {
             own,
             options,
@@ -121,6 +116,7 @@ impl Dmpf {
             state: DmpfState {
                 core: ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?,
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
+                last_heard: LastHeard::new(vehicles),
                 soundings: VecDeque::with_capacity(options.window + 1),
             },
             scratch: Scratch::default(),
@@ -133,6 +129,10 @@ impl Dmpf {
         let (true, Some(chart), Some(trajectory)) = (core.started(), &self.chart, &core.trajectory) else {
             return Outcome::Noted;
         };
+        if !chart.admits(water_depth_m, TIDE_SIGMA_M) {
+            core.rejected += 1;
+            return Outcome::Gated;
+        }
         let here = trajectory.displacement_m();
         if soundings.len() > self.options.window {
             soundings.pop_front();
@@ -194,6 +194,7 @@ impl Dmpf {
         };
         let outcome = self.state.core.range(&heard, toa_ns, &range);
         if outcome == Outcome::Fused {
+            self.state.last_heard.keep(sender, tol_ns, heard.belief.moments().1);
             self.resample();
         }
         outcome
@@ -320,7 +321,11 @@ impl Navigator for Dmpf {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        self.state.core.diagnostics()
+        let mut columns = self.state.core.diagnostics();
+        if self.options.range.is_some() {
+            columns.extend(teammates(self.state.core.now_ns(), self.state.last_heard.all()));
+        }
+        columns
     }
 
     fn information_nat(&self) -> f64 {

@@ -3,7 +3,8 @@
 use nalgebra::SMatrix;
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, non_negative};
+use super::settings::{DriftSettings, check_all};
+use crate::error::Error;
 use crate::kernels::particles::MAX_LINEAR;
 
 /// How a vehicle's dead reckoning drifts. Random walks are per root second.
@@ -26,19 +27,23 @@ pub struct Drift {
 }
 
 impl Drift {
-    /// Refuses what is not finite or below zero.
+    /// Refuses what is outside the bounds of the settings.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`].
     pub fn validate(&self) -> Result<(), Error> {
-        non_negative("sigma_position_m_per_sqrt_s", self.sigma_position_m_per_sqrt_s)?;
-        non_negative("sigma_current_mps_per_sqrt_s", self.sigma_current_mps_per_sqrt_s)?;
-        non_negative("sigma_current0_mps", self.sigma_current0_mps)?;
-        non_negative("sigma_heading_bias0_rad", self.sigma_heading_bias0_rad)?;
-        non_negative("sigma_heading_bias_rad_per_sqrt_s", self.sigma_heading_bias_rad_per_sqrt_s)?;
-        non_negative("sigma_thrust_bias0_mps", self.sigma_thrust_bias0_mps)?;
-        non_negative("sigma_thrust_bias_mps_per_sqrt_s", self.sigma_thrust_bias_mps_per_sqrt_s)?;
-        Ok(())
+        check_all(
+            &DriftSettings::bounds(),
+            &[
+                ("sigma_position_m_per_sqrt_s", self.sigma_position_m_per_sqrt_s),
+                ("sigma_current_mps_per_sqrt_s", self.sigma_current_mps_per_sqrt_s),
+                ("sigma_current0_mps", self.sigma_current0_mps),
+                ("sigma_heading_bias0_rad", self.sigma_heading_bias0_rad),
+                ("sigma_heading_bias_rad_per_sqrt_s", self.sigma_heading_bias_rad_per_sqrt_s),
+                ("sigma_thrust_bias0_mps", self.sigma_thrust_bias0_mps),
+                ("sigma_thrust_bias_mps_per_sqrt_s", self.sigma_thrust_bias_mps_per_sqrt_s),
+            ],
+        )
     }
 
     /// Prior covariance of the linear states.

@@ -7,6 +7,7 @@ pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
 pub mod landmark;
+pub mod last_heard;
 pub mod mpf;
 pub mod origin;
 pub mod packaged;
@@ -35,21 +36,21 @@ use crate::event::{Event, VehicleId};
 pub enum Outcome {
     /// It changed the estimate.
     Fused,
-    /// It only moved the clock, or this navigator has no use for it.
+    /// It only advanced the time, or this navigator does not use it.
     Noted,
-    /// It contradicts the belief, or could not be weighed; counted, the estimate is as it was.
+    /// It contradicts the belief, or has no likelihood; counted, the estimate is as it was.
     Gated,
     /// A packet that does not decode, is a copy, or is too old; counted, the estimate is as it was.
     Rejected,
 }
 
-/// How a vehicle stands to its chart and start.
+/// Whether a vehicle has started, and whether it is over its chart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub enum Status {
     /// No position fix yet: the mean is NaN, the covariance infinite.
     #[default]
     NotStarted,
-    /// Navigating as the method means to.
+    /// Navigating normally.
     Navigating,
     /// Off the chart or over a hole: dead reckoning until the chart is back.
     OffChart,
@@ -119,7 +120,8 @@ pub trait Navigator: Send {
     /// What it asks of the mission around it, and what it uses. The same for the whole life of the navigator.
     fn profile(&self) -> Profile;
 
-    /// What the last fused range told about the own position, nat; NaN for a navigator that does not keep count.
+    /// Information that the last fused range gave on the own position, nat; NaN for a navigator that does not compute
+    /// it.
     fn information_nat(&self) -> f64 {
         f64::NAN
     }
@@ -129,8 +131,8 @@ pub trait Navigator: Send {
         None
     }
 
-    /// What else the method can say of itself now, by name with unit (`origin_age_s`): a column each in the record.
-    /// Counts start at 0; what does not apply yet is NaN.
+    /// Further diagnostics of the method, by name with unit (`origin_age_s`): a column each in the record. Counts
+    /// start at 0; what does not apply yet is NaN.
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         Vec::new()
     }

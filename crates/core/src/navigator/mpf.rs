@@ -6,9 +6,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::diagnostics::teammates;
+use super::last_heard::LastHeard;
 use super::radio::{HeardBelief, Radio};
 use super::range::{RangeMethod, RangeOptions};
-use super::range_novelty::RangeNovelty;
+use super::range_novelty;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
@@ -24,7 +25,7 @@ pub struct MpfOptions {
     pub terrain: TerrainOptions,
     /// Range likelihood; none leaves ranges unused and keeps silent.
     pub range: Option<RangeOptions>,
-    /// Of a teammate's range, count only what is new since it was last heard ([`RangeNovelty`]).
+    /// Of a teammate's range, count only what is new since it was last heard ([`range_novelty`]).
     pub range_novelty: bool,
     /// Form of the broadcast belief.
     pub packet: PacketKind,
@@ -44,7 +45,7 @@ pub struct Mpf<const K: usize> {
 #[derive(Serialize, Deserialize)]
 struct LinkState {
     radio: Radio,
-    range_novelty: RangeNovelty,
+    last_heard: LastHeard,
 }
 
 impl<const K: usize> Mpf<K> {
@@ -69,7 +70,7 @@ impl<const K: usize> Mpf<K> {
             terrain: TerrainCore::new(own, options.terrain, chart, seed)?,
             link: LinkState {
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
-                range_novelty: RangeNovelty::new(vehicles),
+                last_heard: LastHeard::new(vehicles),
             },
         })
     }
@@ -82,6 +83,11 @@ impl<const K: usize> Mpf<K> {
 
     fn reception(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let Some(range) = self.options.range else { return Outcome::Noted };
+        // Before the radio takes down that the packet was heard: what cannot be placed in time is refused whole.
+        if !self.terrain.state.core.remembers(toa_ns) {
+            self.terrain.state.core.rejected += 1;
+            return Outcome::Rejected;
+        }
         let standing_m2 = self.link.radio.standing_m2(&range.clock, tol_ns, toa_ns);
         let range = range.inflated(standing_m2);
         let Some(heard) = self.link.radio.receive(sender, tol_ns, toa_ns, bytes, range.sigma_m) else {
@@ -94,7 +100,7 @@ impl<const K: usize> Mpf<K> {
         let share = self.new_share(sender, tol_ns, &heard, standing_m2);
         let outcome = self.terrain.state.core.range(&heard, toa_ns, &range.counting(share));
         if outcome == Outcome::Fused {
-            self.link.range_novelty.heard(sender, tol_ns, heard.said.moments().1);
+            self.link.last_heard.keep(sender, tol_ns, heard.belief.moments().1);
             self.terrain.resample();
         }
         outcome
@@ -109,24 +115,23 @@ impl<const K: usize> Mpf<K> {
         else {
             return Outcome::Noted;
         };
-        self.terrain.acquire_range(heard.said.summary(heard.range_m, moved_m, range.sigma_m), temper)
+        self.terrain.acquire_range(heard.belief.summary(heard.range_m, moved_m, range.sigma_m), temper)
     }
 
     /// Share of this belief that counts: all of it, or what is new beside a standing error.
     fn new_share(&self, sender: VehicleId, tol_ns: i64, heard: &HeardBelief, standing_m2: f64) -> f64 {
-        let (true, Some(before_ns)) = (self.options.range_novelty, self.link.range_novelty.heard_at(sender))
-        else {
+        let (true, Some(before)) = (self.options.range_novelty, self.link.last_heard.of(sender)) else {
             return 1.0;
         };
-        let (theirs, covariance_m2) = heard.said.moments();
+        let (theirs, covariance_m2) = heard.belief.moments();
         let core = &self.terrain.state.core;
         let (own, _) = core.cloud.position_moments();
         let (de, dn) = (own[0] - theirs[0], own[1] - theirs[1]);
         let distance_m = de.hypot(dn).max(LEAST_DISTANCE_M);
         let direction = [de / distance_m, dn / distance_m];
         // A teammate drifts as this vehicle does: its packets have no room for more.
-        let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before_ns)));
-        self.link.range_novelty.share(sender, covariance_m2, direction, &growth, standing_m2)
+        let growth = core.growth(direction, seconds(tol_ns.saturating_sub(before.tol_ns)));
+        range_novelty::share(before.covariance_m2, covariance_m2, direction, &growth, standing_m2)
     }
 }
 
@@ -195,12 +200,11 @@ impl<const K: usize> Navigator for Mpf<K> {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = self.terrain.diagnostics();
+        let mut columns = self.terrain.diagnostics();
         if self.options.range.is_some() {
-            let heard = self.link.range_novelty.last_heard();
-            said.extend(teammates(self.terrain.state.core.now_ns(), heard));
+            columns.extend(teammates(self.terrain.state.core.now_ns(), self.link.last_heard.all()));
         }
-        said
+        columns
     }
 
     fn information_nat(&self) -> f64 {

@@ -66,12 +66,12 @@ fn describe<S: Settings>() -> Result<Value, Error> {
     let bounds: Map<String, Value> = S::bounds()
         .into_iter()
         .map(|(option, bound)| {
-            let mut said = Map::new();
-            said.insert(if bound.above { "gt" } else { "ge" }.into(), bound.least.into());
+            let mut limits = Map::new();
+            limits.insert(if bound.above { "gt" } else { "ge" }.into(), bound.least.into());
             if bound.most.is_finite() {
-                said.insert(if bound.below { "lt" } else { "le" }.into(), bound.most.into());
+                limits.insert(if bound.below { "lt" } else { "le" }.into(), bound.most.into());
             }
-            (option.to_owned(), Value::Object(said))
+            (option.to_owned(), Value::Object(limits))
         })
         .collect();
     let without: Map<String, Value> =
@@ -234,7 +234,7 @@ pub fn packaged(name: &str) -> Result<&'static Packaged, Error> {
 pub static PACKAGED: &[Packaged] = &[
     Packaged::of::<DriftSettings>(
         "dead-reckoning",
-        "Commanded velocity summed up, with the covariance of what it does not know.",
+        "Integrated commanded velocity, with the covariance of its unknown errors.",
     ),
     Packaged::of::<DmpfSettings>(
         "dmpf",
@@ -252,7 +252,7 @@ pub static PACKAGED: &[Packaged] = &[
     Packaged::of::<DmpfSettings>("ranging-only", "dmpf without soundings.").fixed_at(r#"{"use_terrain": false}"#),
     Packaged::of::<MpfSettings>(
         "mpf",
-        "Consistent marginalised particle filter: datum offset, chart error that is correlated, of ranges what is new.",
+        "Consistent marginalised particle filter: datum offset, correlated chart error, ranges weighted by novelty.",
     ),
     Packaged::listed::<BeliefSettings>(
         "local-only",
@@ -261,7 +261,7 @@ pub static PACKAGED: &[Packaged] = &[
     .fixed_at(r#"{"correlation": "ignored", "use_ranges": false}"#),
     Packaged::central::<CekfSettings>(
         "cekf",
-        "Centralised filter fed all that the team senses and hears, delayed states at launches (Webster et al. 2009).",
+        "Centralised filter with all data of the team, delayed states at launches (Webster et al. 2009).",
     )
     .fixed_at(r#"{"fed": "everything"}"#),
     Packaged::central::<CekfSettings>(
@@ -310,7 +310,7 @@ pub static PACKAGED: &[Packaged] = &[
     ),
     Packaged::listed::<LandmarkSettings>(
         "dead-reckoning-dvl",
-        "Ground velocity and yaw rate summed up from the deployment's fix.",
+        "Integrated ground velocity and yaw rate, from the deployment's fix.",
     )
     .fixed_at(r#"{"use_fixes": false}"#),
     Packaged::listed::<LandmarkPaperSettings>(
@@ -319,11 +319,11 @@ pub static PACKAGED: &[Packaged] = &[
     ),
     Packaged::listed::<LandmarkSettings>(
         "landmark-ekf",
-        "Alternating landmark by an extended Kalman filter that believes every measurement.",
+        "Alternating landmark by an extended Kalman filter without outlier model.",
     )
     .fixed_at(r#"{"outlier_share": 0.0, "recovery": false, "particles": 0}"#),
     Packaged::listed::<LandmarkSettings>(
         "landmark",
-        "Robust alternating landmark: mixture likelihoods, recovery by consensus, a Gaussian core once converged.",
+        "Robust alternating landmark: mixture likelihoods, recovery by alternative hypotheses, Gaussian once converged.",
     ),
 ];

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::diagnostics::GatedCounts;
 use super::drift::Drift;
 use super::range_novelty::Growth;
+use super::settings::check_all;
+use super::settings::terrain::PARTICLES;
 use super::trajectory::Trajectory;
 use super::{Estimate, Outcome, Particles, Status};
 use crate::cloud::Cloud;
@@ -54,13 +56,7 @@ impl<const K: usize> ParticleCore<K> {
     /// What [`Drift::validate`] says; [`Error::OutOfBound`] for fewer than 10 particles.
     pub fn new(particles: usize, drift: Drift, streams: Streams) -> Result<Self, Error> {
         drift.validate()?;
-        if !(10..=10_000_000).contains(&particles) {
-            return Err(Error::OutOfBound {
-                quantity: "particles",
-                value: particles as f64,
-                bound: "10 to 10,000,000",
-            });
-        }
+        check_all(&[PARTICLES], &[("particles", particles as f64)])?;
         Ok(Self {
             cloud: Cloud::new(particles),
             covariance: drift.prior(),

@@ -43,7 +43,7 @@ pub enum BroadcastBelief {
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeardBelief {
     /// The teammate's belief at launch.
-    pub said: BroadcastBelief,
+    pub belief: BroadcastBelief,
     /// Horizontal range from the teammate at launch to this vehicle at arrival, m.
     pub range_m: f64,
 }
@@ -189,7 +189,7 @@ impl Radio {
         sigma_range_m: f64,
     ) -> Option<HeardBelief> {
         let window = self.windows.get_mut(usize::from(sender))?;
-        let (header, said) = match check_crc(bytes, sender, tol_ns).and_then(Header::peek_kind).ok()? {
+        let (header, belief) = match check_crc(bytes, sender, tol_ns).and_then(Header::peek_kind).ok()? {
             PacketKind::Cloud => {
                 let packet = CloudPacket::decode(bytes, sender, tol_ns).ok()?;
                 (packet.header, BroadcastBelief::Cloud(packet))
@@ -213,6 +213,6 @@ impl Radio {
         heard.insert(sender).ok()?;
         window.accept(header.sequence, tol_ns).ok()?;
         self.heard = heard;
-        Some(HeardBelief { said, range_m })
+        Some(HeardBelief { belief, range_m })
     }
 }

@@ -6,7 +6,9 @@ use super::Outcome;
 use super::clock::ClockOptions;
 use super::particle_core::ParticleCore;
 use super::radio::{BroadcastBelief, HeardBelief};
-use crate::error::{Error, positive};
+use super::settings::check_all;
+use super::settings::range::RangeSettings;
+use crate::error::Error;
 use crate::kernels::likelihood::{
     RangeBelief, add_range_gaussian, add_range_late, misfit_to_log_likelihood, range_eq17,
 };
@@ -51,7 +53,7 @@ impl RangeOptions {
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`].
     pub fn validate(&self) -> Result<(), Error> {
-        positive("sigma_range_m", self.sigma_m)?;
+        check_all(&RangeSettings::BOUNDS, &[("sigma_range_m", self.sigma_m)])?;
         self.clock.validate()?;
         let clock = &self.clock;
         let told = clock.differ() || clock.sound_speed_sigma_mps > 0.0 || clock.late_share > 0.0;
@@ -129,7 +131,7 @@ impl<const K: usize> ParticleCore<K> {
             self.rejected += 1;
             return Outcome::Rejected;
         };
-        let belief = heard.said.summary(heard.range_m, moved, options.sigma_m);
+        let belief = heard.belief.summary(heard.range_m, moved, options.sigma_m);
         let late = options.clock.late();
         if options.gate_sigmas.is_finite() && self.contradicts(&belief, options.gate_sigmas, late.as_ref()) {
             self.rejected += 1;
@@ -138,7 +140,7 @@ impl<const K: usize> ParticleCore<K> {
         let prior_nat = options.entropy_sigma_m.map(|sigma_m| self.entropy(sigma_m));
         let mut column = self.cloud.likelihood_column();
         column.fill(0.0);
-        match (options.method, &heard.said) {
+        match (options.method, &heard.belief) {
             (RangeMethod::Gaussian { temper }, BroadcastBelief::Mixture(modes)) => {
                 let modes: Vec<(f64, RangeBelief)> = modes
                     .iter()

@@ -6,9 +6,6 @@
 //! between them: a prediction is correlated with the estimate that it started from, and a corrected estimate is
 //! correlated with its prediction by the square root of the share of the variance that remains.
 
-use serde::{Deserialize, Serialize};
-
-use crate::event::VehicleId;
 use crate::measurement::range::along;
 
 /// How a position error grows in dead reckoning, along one direction.
@@ -22,64 +19,24 @@ pub struct Growth {
     pub walk_m2: f64,
 }
 
-/// The covariance that each teammate last broadcast of its own position.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct RangeNovelty {
-    last: Vec<Option<LastBroadcast>>,
-}
-
-#[derive(Debug, Clone, Copy, Serialize, Deserialize)]
-struct LastBroadcast {
-    tol_ns: i64,
-    covariance_m2: [f64; 3],
-}
-
-impl RangeNovelty {
-    /// Of a team of `vehicles` in which no packet was received yet.
-    #[must_use]
-    pub fn new(vehicles: usize) -> Self {
-        Self { last: vec![None; vehicles] }
+/// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector), from the covariances [ee, en, nn]
+/// that the teammate broadcast before, `then_m2`, and broadcasts now. A teammate's first packet counts whole.
+/// `standing_m2` is the variance of a part of the range's error that is never renewed, as a clock's.
+#[must_use]
+pub fn share(
+    then_m2: [f64; 3],
+    now_m2: [f64; 3],
+    direction: [f64; 2],
+    growth: &Growth,
+    standing_m2: f64,
+) -> f64 {
+    let (then, now) = (along(direction, then_m2), along(direction, now_m2));
+    let mut rho = correlation(then, now, growth);
+    if standing_m2 > 0.0 {
+        let (then, now) = (then.max(0.0), now.max(0.0));
+        rho = (rho * (then * now).sqrt() + standing_m2) / ((then + standing_m2) * (now + standing_m2)).sqrt();
     }
-
-    /// Launch of this teammate's last packet, ns; `None` before its first one.
-    #[must_use]
-    pub fn heard_at(&self, sender: VehicleId) -> Option<i64> {
-        self.last.get(usize::from(sender)).copied().flatten().map(|last| last.tol_ns)
-    }
-
-    /// When each teammate that was heard last launched a packet, and its covariance [ee, en, nn] then, m².
-    pub fn last_heard(&self) -> impl Iterator<Item = (i64, [f64; 3])> + '_ {
-        self.last.iter().flatten().map(|last| (last.tol_ns, last.covariance_m2))
-    }
-
-    /// Exponent in (0, 1] for the likelihood of a range along `direction` (a unit vector); 1 for a teammate's first packet.
-    /// `standing_m2` is the variance of a part of the range's error that is never renewed, as a clock's.
-    #[must_use]
-    pub fn share(
-        &self,
-        sender: VehicleId,
-        covariance_m2: [f64; 3],
-        direction: [f64; 2],
-        growth: &Growth,
-        standing_m2: f64,
-    ) -> f64 {
-        let Some(last) = self.last.get(usize::from(sender)).copied().flatten() else { return 1.0 };
-        let (then, now) = (along(direction, last.covariance_m2), along(direction, covariance_m2));
-        let mut rho = correlation(then, now, growth);
-        if standing_m2 > 0.0 {
-            let (then, now) = (then.max(0.0), now.max(0.0));
-            rho = (rho * (then * now).sqrt() + standing_m2)
-                / ((then + standing_m2) * (now + standing_m2)).sqrt();
-        }
-        ((1.0 - rho) / (1.0 + rho)).max(LEAST)
-    }
-
-    /// Keeps the covariance of a packet for the next one.
-    pub fn heard(&mut self, sender: VehicleId, tol_ns: i64, covariance_m2: [f64; 3]) {
-        if let Some(last) = self.last.get_mut(usize::from(sender)) {
-            *last = Some(LastBroadcast { tol_ns, covariance_m2 });
-        }
-    }
+    ((1.0 - rho) / (1.0 + rho)).max(LEAST)
 }
 
 /// Lower bound of the exponent: a likelihood to this power changes nothing.
@@ -106,11 +63,7 @@ mod tests {
     const EAST: [f64; 2] = [1.0, 0.0];
 
     fn share(then: [f64; 3], now: [f64; 3], growth: &Growth) -> f64 {
-        let mut novelty = RangeNovelty::new(2);
-        assert_eq!(novelty.share(1, then, EAST, growth, 0.0), 1.0, "the first packet is entirely new");
-        novelty.heard(1, 7, then);
-        assert_eq!((novelty.heard_at(0), novelty.heard_at(1)), (None, Some(7)));
-        novelty.share(1, now, EAST, growth, 0.0)
+        super::share(then, now, EAST, growth, 0.0)
     }
 
     #[test]
@@ -159,9 +112,8 @@ mod tests {
 
     #[test]
     fn beside_a_standing_error_what_is_renewed_counts_for_less() {
-        let mut novelty = RangeNovelty::new(2);
-        novelty.heard(1, 7, [4.0, 0.0, 1.0]);
-        let shares = [0.0, 1.0, 10.0, 1000.0].map(|m2| novelty.share(1, [1.0, 0.0, 1.0], EAST, &STILL, m2));
+        let shares = [0.0, 1.0, 10.0, 1000.0]
+            .map(|m2| super::share([4.0, 0.0, 1.0], [1.0, 0.0, 1.0], EAST, &STILL, m2));
         assert!(shares.windows(2).all(|pair| pair[0] > pair[1]), "{shares:?}");
         assert!(shares[3] < 1e-2 && shares[3] > 0.0);
     }

@@ -56,8 +56,8 @@ pub use field::{AngleField, FixedField, FloatField, ModuloField, Rounding, Unsig
 pub use header::{Header, HeardBitmap, PacketKind, TEAM_MAX};
 pub use mixture::{MODES_MAX, MixturePacket};
 pub use team::{
-    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, SPACINGS_S, TeamLayout,
-    TeamReport,
+    FixContent, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, SPACINGS_S,
+    TeamLayout, TeamReport,
 };
 pub use uncertainty::{CorrelationField, SigmaField};
 

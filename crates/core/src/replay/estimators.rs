@@ -33,7 +33,7 @@ impl Estimators {
         }
     }
 
-    /// Hands an event to whom it concerns.
+    /// Passes an event to its vehicle's navigator.
     ///
     /// # Errors
     /// What the navigator refuses.
@@ -87,7 +87,7 @@ impl Estimators {
         }
     }
 
-    /// What the method says of itself at one vehicle.
+    /// Diagnostics of the method at one vehicle.
     #[must_use]
     pub fn diagnostics(&self, vehicle: usize) -> Vec<(&'static str, f64)> {
         match self {
@@ -105,7 +105,7 @@ impl Estimators {
         }
     }
 
-    /// What the last fused range told a vehicle, nat; NaN where nobody keeps count.
+    /// Information that the last fused range gave a vehicle, nat; NaN where it is not computed.
     #[must_use]
     pub fn information_nat(&self, vehicle: VehicleId) -> f64 {
         match self {

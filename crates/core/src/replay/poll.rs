@@ -1,4 +1,4 @@
-//! Two-way ranging: what asks for a slot's packet, and what asking costs.
+//! Two-way ranging: the polls that ask for a slot's packet, and their bytes.
 
 use serde::{Deserialize, Serialize};
 

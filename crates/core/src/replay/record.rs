@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::{Estimators, Poll};
-use crate::event::VehicleId;
+use crate::event::{Kind, VehicleId};
 use crate::navigator::{Estimate, Status};
 
 /// One packet at one receiver.
@@ -28,7 +28,7 @@ pub struct PacketRecord {
     pub received: bool,
     /// Whether the receiver used it.
     pub accepted: bool,
-    /// What its range told, nat; NaN where not used or not asked for.
+    /// Information gained from its range, nat; NaN where not used or not computed.
     pub information_nat: f64,
 }
 
@@ -64,14 +64,17 @@ pub struct Tracks {
     pub ess: Vec<f64>,
     /// Gated measurements and rejected packets so far.
     pub rejected: Vec<u64>,
-    /// Slots so far that a vehicle left silent because what it had to say did not fit them.
+    /// Slots so far that a vehicle left silent because its packet did not fit.
     pub unsent: Vec<u64>,
-    /// Whether the vehicle said it had no chart to go by.
+    /// Whether the vehicle's status was off the chart.
     pub off_chart: Vec<bool>,
     /// Whether the vehicle was searching for its position.
     pub acquiring: Vec<bool>,
-    /// What navigators said of themselves, a column for each name; NaN where one said nothing of the kind.
+    /// Diagnostics of the navigators, a column for each name; NaN where a navigator has none of this name.
     pub diagnostics: BTreeMap<String, Vec<f64>>,
+    /// Events by the name of their kind that no estimate or packet can depend on: its navigator does not use the kind
+    /// ([`Profile::uses`](crate::navigator::Profile)).
+    pub unused: BTreeMap<String, u64>,
     /// (vehicle, TOL, bytes) of every packet sent; an answer to a poll with what it carries beside the packet.
     pub sent: Vec<(VehicleId, i64, u32)>,
     /// Every poll of two-way ranging, heard or not.
@@ -155,9 +158,9 @@ impl Record {
         tracks.acquiring[at] = estimate.status == Status::Acquiring;
     }
 
-    fn diagnose(&mut self, at: usize, said: &[(&'static str, f64)]) {
+    fn diagnose(&mut self, at: usize, columns: &[(&'static str, f64)]) {
         let samples = self.tracks.mean_m.len();
-        for (name, value) in said {
+        for (name, value) in columns {
             // Looked up before it is inserted: the name is copied once for each column, not for each sample.
             if !self.tracks.diagnostics.contains_key(*name) {
                 self.tracks.diagnostics.insert((*name).to_owned(), vec![f64::NAN; samples]);
@@ -188,9 +191,19 @@ impl Record {
         self.tracks.sent.push((sender, tol_ns, bytes as u32));
     }
 
-    /// Writes down that a slot stayed silent because what its sender had to say did not fit.
+    /// Records that a slot stayed silent because the sender's packet did not fit.
     pub fn unsent(&mut self, sender: VehicleId) {
         if let Some(count) = self.unsent.get_mut(usize::from(sender)) {
+            *count = count.saturating_add(1);
+        }
+    }
+
+    /// Counts an event of a kind that its navigator does not use.
+    pub fn unused(&mut self, kind: Kind) {
+        if !self.tracks.unused.contains_key(kind.name()) {
+            self.tracks.unused.insert(kind.name().to_owned(), 0);
+        }
+        if let Some(count) = self.tracks.unused.get_mut(kind.name()) {
             *count = count.saturating_add(1);
         }
     }
@@ -206,7 +219,7 @@ impl Record {
         self.tracks.packets.len() - 1
     }
 
-    /// Writes down that the receiver used it, and what it told.
+    /// Records that the receiver used it, and the information gained.
     pub fn accepted(&mut self, index: usize, information_nat: f64) {
         if let Some(packet) = self.tracks.packets.get_mut(index) {
             packet.accepted = true;

@@ -39,7 +39,7 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
         overrides: "recording.key=value" each, for the keys of `PyfgOptions` or `PlazaOptions`.
 
     Raises:
-        LogError: a file that is not what its suffix says.
+        LogError: a file whose content does not match its suffix.
         ScenarioError: an unknown key, or a value outside its bound; one line.
         MissingDependencyError: `.mat` without scipy.
     """

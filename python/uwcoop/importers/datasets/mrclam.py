@@ -42,7 +42,7 @@ _VALUES_PER_SAMPLE = 30
 ROOM_M = 15.0
 """Where a range that is an outlier may lie: the arena's size."""
 STILL = (1e-9, 1e-9)
-"""Below these speeds, m/s and rad/s, a robot stands."""
+"""Below these speeds, m/s and rad/s, a robot is at rest."""
 FRAME_SIGMA_M, FRAME_SIGMA_RAD = 1e-3, 1e-4
 """The landmark's pose is the frame: certain, but never singular."""
 
@@ -76,7 +76,7 @@ class MrclamOptions(Table):
 
 
 def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog:
-    """A mission of one robot that stands still and others that move.
+    """A mission of one robot at rest and others that move.
 
     Args:
         folder: with `Barcodes.dat`, `RobotK_Odometry.dat`, `RobotK_Measurement.dat` and `RobotK_Groundtruth.dat`,
@@ -189,7 +189,7 @@ def _fixes(
         near = int(np.argmin(np.abs(peer[:, 0] - own[k, 0])))
         if abs(peer[near, 0] - own[k, 0]) <= options.pair_within_s:
             rows[k, 3] = peer[near, 2]
-    # In each interval the sighting that says most, the first of equals.
+    # In each interval the sighting with the most measurements, the first of equals.
     slot = np.floor((rows[:, 0] - start_s) / options.interval_s)
     order = np.lexsort((rows[:, 0], np.isnan(rows).sum(axis=1), slot))
     kept = rows[order][np.unique(slot[order], return_index=True)[1]]
@@ -282,7 +282,7 @@ def _truth(names: list[str], poses: Array) -> xr.Dataset:
 
 
 def _setup(options: MrclamOptions) -> MissionSetup:
-    """What a replay reads beside the events: which navigators, and how good the sensors are."""
+    """The set-up that a replay reads beside the events: navigators, and sigmas of the sensors."""
     return MissionSetup.parse({
         "mrclam": options.model_dump(mode="json", exclude_none=True),
         "metrics": {"settle_s": options.settle_s},

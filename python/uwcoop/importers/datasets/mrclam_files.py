@@ -25,7 +25,7 @@ BARCODES = "Barcodes.dat"
 
 @dataclass(frozen=True)
 class Robot:
-    """What one robot recorded, and where it was."""
+    """Recording of one robot, and its true poses."""
 
     odometry: Array
     """(N, 3) time s, forward m/s, yaw rate rad/s; each holds until the next."""

@@ -37,7 +37,7 @@ NAVIGATORS = ("local-only", "cekf", "mdeif", "nekf", "interleaved", "covariance-
 
 
 class Options(Table):
-    """`recording.*`: what the files do not say, or say wrongly."""
+    """`recording.*`: values that the files do not state, or state wrongly."""
 
     beacons: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Whose ranges are used; empty: all. One: the geometry of a single ship."""
@@ -52,7 +52,7 @@ class Options(Table):
     sigma_odometry_m: NonNegative
     """Of each displacement on each axis, beside what grows with its length."""
     sigma_odometry_share: NonNegative
-    """What grows with its length, along the track; across it a third of that."""
+    """The part that grows with its length, along the track; across the track a third of it."""
     sigma_yaw_rad: NonNegative
     """Of each change of yaw."""
 
@@ -114,7 +114,7 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
     """The recording as a mission of the vehicle and the chosen beacons.
 
     Raises:
-        LogError: a beacon that the recording does not know, or nothing to replay.
+        LogError: a beacon that is not in the recording, or nothing to replay.
     """
     for name in options.beacons:
         if name not in found.beacons:

@@ -9,12 +9,13 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::options::{LandmarkOptions, check_share};
+use super::options::LandmarkOptions;
 use super::robust::Landmark;
 use crate::error::Error;
 use crate::event::{Event, VehicleId};
 use crate::measurement::angle::wrap;
 use crate::mixture::Mode;
+use crate::navigator::settings::{LandmarkSettings, Settings, check_all};
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Particles, Profile, Status};
 
@@ -38,7 +39,7 @@ impl BiasModelAverage {
         seed: u64,
         share: f64,
     ) -> Result<Self, Error> {
-        check_share("bias_share", share)?;
+        check_all(&LandmarkSettings::bounds(), &[("bias_share", share)])?;
         let plain = LandmarkOptions { bias_sigma: [0.0; 3], ..options };
         Ok(Self {
             biased: Landmark::new(own, vehicles, options, seed)?,

@@ -9,7 +9,7 @@ use super::odometry::Increment;
 use super::pose_algebra::carried;
 use crate::measurement::angle::wrap;
 
-/// When to believe the positionings.
+/// When the positionings replace the estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ConsensusRule {
     /// Positionings that are looked at.
@@ -29,7 +29,7 @@ pub struct Consensus {
 }
 
 impl Consensus {
-    /// Forgets everything: another landmark, or a belief made anew.
+    /// Clears the window: another landmark, or a new estimate.
     pub fn clear(&mut self) {
         self.poses.clear();
     }

@@ -1,4 +1,4 @@
-//! Role exchanges of the robust navigator: what is told, and what is made of it.
+//! Role exchanges of the robust navigator: the packets it sends, and the use of those it receives.
 
 use std::sync::Arc;
 
@@ -16,12 +16,14 @@ use crate::navigator::Outcome;
 use crate::packet::PacketError;
 use crate::random::Purpose;
 
-/// A landmark that is told to stand elsewhere by more than this (χ² of three degrees of freedom, 1e-6) is not believed.
+/// A packet whose landmark pose differs from the own estimate by more than this (χ² of three degrees of freedom,
+/// 1e-6) is gated.
 const EXCHANGE_GATE: f64 = 30.0;
-/// What a packet may claim not to know of the landmark: so many times the receiver's own sigma, or this, m, m, rad …
+/// Largest sigma of a packet's landmark that counts in the gate: so many times the receiver's own sigma, or this, m,
+/// m, rad …
 const CLAIMED_SIGMAS: f64 = 3.0;
 const CLAIMED: [f64; 3] = [5.0, 5.0, 0.3];
-/// … beside what its rounding and a landing may add.
+/// … plus the sigma of rounding and of a landing.
 const FLOOR: [f64; 3] = [0.5, 0.5, 0.03];
 
 impl Landmark {
@@ -66,10 +68,10 @@ impl Landmark {
         Outcome::Fused
     }
 
-    /// Whether a packet puts the old landmark where what this vehicle knows of it says that it is not.
+    /// Whether a packet's pose of the old landmark contradicts the own estimate of it.
     ///
-    /// Both know the landmark's pose from what was told before, in part the same, so their difference is as uncertain as
-    /// twice the sum of both at most. What the packet claims not to know counts only so far: it cannot open the gate.
+    /// Both estimates come partly from the same earlier packets, so the variance of their difference is at most twice
+    /// the sum of both. The packet's own variance is bounded, so that a large one cannot open the gate.
     fn contradicts_landmark(&self, pair: &Pair) -> bool {
         let joint = match (&self.state.sent, self.state.role_exchange.is_landmark) {
             (Some(sent), true) => &sent.joint,
@@ -87,7 +89,7 @@ impl Landmark {
             let most = (CLAIMED_SIGMAS * CLAIMED_SIGMAS * own).max(CLAIMED[k] * CLAIMED[k]);
             off[k] * off[k] / (2.0 * (own + claimed[(k, k)].clamp(0.0, most)) + FLOOR[k] * FLOOR[k])
         };
-        // Not above it, rather than above: what is not a number contradicts.
+        // Written as a negation, so that NaN contradicts.
         !((0..3).map(share).sum::<f64>() <= EXCHANGE_GATE)
     }
 
@@ -118,7 +120,7 @@ impl Landmark {
         self.state.log_evidence
     }
 
-    /// Whether this vehicle is to hand over: it stands, is not the landmark, and knows of one.
+    /// Whether this vehicle is to take over the role: it has landed, is not the landmark, and has an estimate of one.
     pub(super) fn has_news(&self) -> bool {
         let exchanges = &self.state.role_exchange;
         self.options.use_fixes
@@ -156,7 +158,7 @@ impl Landmark {
     ) -> Result<Option<Arc<[u8]>>, Error> {
         let pair = Pair::of(&modes);
         let packet = self.state.role_exchange.packet(modes, &self.options.packet, tol_ns);
-        let told = self.state.role_exchange.told(packet, capacity_bytes)?;
+        let told = self.state.role_exchange.checked_packet(packet, capacity_bytes)?;
         self.gaussian();
         let mut joint = self.state.joint.clone();
         if let Some(pair) = pair {

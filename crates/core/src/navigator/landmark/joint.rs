@@ -1,8 +1,8 @@
 //! One Gaussian over the mover as the landmark sees it, the landmark's pose and the sensors' biases.
 //!
-//! Positioning and odometry speak of the relative pose alone. With it as the state, nothing that is measured has a
-//! derivative by the landmark's own pose, so a chain of exchanges cannot gain knowledge of the common heading, which
-//! nobody measures, from linearising at different poses.
+//! Positioning and odometry depend on the relative pose only. With it as the state, no measurement has a derivative
+//! by the landmark's own pose. So a chain of exchanges gains no spurious information on the common heading, which is
+//! not observable, from linearisation at different poses.
 
 use nalgebra::{Matrix3, Rotation2, SMatrix, SVector, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::model::{Measurement, Pose};
 use super::odometry::Increment;
 use super::pose_algebra::{at_transmit, between, compose, composed_by, inverse_by};
+use crate::information::is_sound;
 use crate::measurement::angle::wrap;
 
 /// Own pose in the landmark's frame (3), landmark's pose in the world (3), gyro bias, DVL scale, DVL misalignment.
@@ -33,23 +34,23 @@ pub struct Joint {
 pub struct Channels {
     /// m, rad, rad.
     pub sigma: [f64; 3],
-    /// `None`: every measurement is believed.
+    /// `None`: no outliers, every measurement has full weight.
     pub outliers: Option<(f64, [f64; 3])>,
 }
 
-/// What a mixture made of one scalar.
+/// Update of one scalar by the mixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Believed {
+pub struct ScalarUpdate {
     /// Probability that it was no outlier.
     pub share: f64,
     /// Logarithm of its density before it was used.
     pub log_evidence: f64,
 }
 
-/// What came of a positioning.
+/// Update by a positioning.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Correction {
-    /// Of each channel that was measured, how much was believed.
+    /// For each measured channel, the probability that it was no outlier.
     pub shares: [Option<f64>; 3],
     /// Logarithm of the density of all of it.
     pub log_evidence: f64,
@@ -171,7 +172,7 @@ impl Joint {
         let swing = Vector2::new(-(own[1] - at[1]), own[0] - at[0]);
         let (here, there) = (Vector2::new(own[0], own[1]), Vector2::new(at[0], at[1]));
         let mut row = SMatrix::<f64, 1, STATES>::zeros();
-        // Where the two stand on one spot a direction says nothing.
+        // Where both are at the same position a direction has no information.
         let (r_here, r_there) = (here.norm().max(1e-3), there.norm().max(1e-3));
         match channel {
             0 => {
@@ -201,7 +202,7 @@ impl Joint {
         row: &SMatrix<f64, 1, STATES>,
         variance: f64,
         outlier: Option<(f64, f64)>,
-    ) -> Believed {
+    ) -> ScalarUpdate {
         let cross = self.covariance * row.transpose();
         let s = (row * cross)[0] + variance;
         let log_density = -0.5 * (innovation * innovation / s + (std::f64::consts::TAU * s).ln());
@@ -214,7 +215,7 @@ impl Joint {
         self.wrap();
         let spread = share * (1.0 - share) * innovation * innovation - share * s;
         self.covariance = symmetric(&(self.covariance + gain * gain.transpose() * spread));
-        Believed { share, log_evidence }
+        ScalarUpdate { share, log_evidence }
     }
 
     /// A positioning, channel by channel, the sharpest first.
@@ -244,10 +245,17 @@ impl Joint {
             return false;
         }
         let gain = self.covariance * rows.transpose() * inverse;
+        let before = self.clone();
         self.mean += gain * innovation;
         self.wrap();
         self.covariance = symmetric(&(self.covariance - gain * s * gain.transpose()));
-        true
+        // A difference of numbers of very different size may be no covariance any more.
+        let (own, covariance) = (self.own(), self.own_covariance());
+        let sound = is_sound(own.iter(), 2, |row, column| covariance[(row, column)]);
+        if !sound {
+            *self = before;
+        }
+        sound
     }
 
     pub(super) fn wrap(&mut self) {
@@ -262,7 +270,7 @@ impl Joint {
         (Vector3::from(self.seen()), self.covariance.fixed_view::<3, 3>(0, 0).into_owned())
     }
 
-    /// Own pose := what several positionings say; its correlation with everything else goes.
+    /// Own pose := the mean of several positionings; its correlation with everything else becomes zero.
     pub fn place_own(&mut self, z: &Vector3<f64>, covariance: &Matrix3<f64>) {
         self.covariance.fixed_view_mut::<3, STATES>(0, 0).fill(0.0);
         self.covariance.fixed_view_mut::<STATES, 3>(0, 0).fill(0.0);
@@ -270,7 +278,7 @@ impl Joint {
         self.mean.fixed_rows_mut::<3>(0).copy_from(z);
     }
 
-    /// The landmark := where one must stand that sees the own pose at z: a landmark that nobody told of.
+    /// The landmark := the pose from which the own pose is at z, for a landmark whose packet was lost.
     pub fn place_landmark(&mut self, z: &Vector3<f64>, covariance: &Matrix3<f64>) {
         let own = Vector3::from(self.own());
         let back = between(z, &Vector3::zeros());
@@ -281,8 +289,8 @@ impl Joint {
         let mut by_z = SMatrix::<f64, STATES, 3>::zeros();
         by_z.fixed_view_mut::<3, 3>(0, 0).copy_from(&Matrix3::identity());
         by_z.fixed_view_mut::<3, 3>(3, 0).copy_from(&(by_back * inverse_by(z)));
-        // What the tangents leave out of two uncertain turns: the products of their errors, on the arm between the two.
-        // One positioning knows the yaw to 6°; over dozens of such placements this is what would be claimed and not known.
+        // Second-order terms of two uncertain rotations: the products of their errors, times the distance. One positioning
+        // gives the yaw to 6°; over dozens of such placements, neglecting them would make the filter overconfident.
         let own_turn = self.own_covariance()[(2, 2)];
         let bend = (z.x * z.x + z.y * z.y) * covariance[(2, 2)] * (own_turn + 0.5 * covariance[(2, 2)]);
         self.covariance =

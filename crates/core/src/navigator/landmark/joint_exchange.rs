@@ -140,7 +140,7 @@ impl Pair {
     }
 }
 
-/// Cov(X, Y) Cov(Y)⁻¹; what is known exactly tells nothing.
+/// Cov(X, Y) Cov(Y)⁻¹; zero for components of Y without variance.
 fn gain_on<const N: usize>(y: &Matrix3<f64>, cross: &SMatrix<f64, N, 3>) -> SMatrix<f64, N, 3> {
     let held = y + Matrix3::from_diagonal(&Vector3::from(FLOOR));
     held.try_inverse().map_or_else(SMatrix::zeros, |inverse| cross * inverse)

@@ -1,11 +1,12 @@
 //! Recovery by hypotheses: that the vehicle was displaced without its odometry measuring it, tracked in parallel.
 //!
-//! After each positioning a copy of the belief is set apart whose own pose jumps just then, by little; and each complete
-//! positioning founds another one that stands where it says: a jump to anywhere. All copies and the belief itself are
-//! corrected by the same measurements with the same outlier mixture; each keeps the logarithm of its odds against the
-//! belief, the prior of a jump included. The mixture explains an outlier at the price of its share, so one wild
-//! measurement does not turn the odds; a few that agree with one jump do. The belief that gave way stays among the
-//! alternatives with its odds, so a false alarm is taken back when the next measurements speak for it.
+//! After each positioning an alternative starts as a copy of the estimate with a small unmeasured motion at that
+//! time; each complete positioning starts another one, initialised from it, for a motion of any size. All
+//! alternatives and the estimate itself are corrected by the same measurements with the same outlier mixture; each
+//! keeps the logarithm of its odds against the estimate, the prior of a motion included. The mixture explains an
+//! outlier at the price of its share, so one outlier does not reverse the odds; several measurements that agree with
+//! one motion do. A replaced estimate stays among the alternatives with its odds, so a false alarm is reversed when
+//! the next measurements support it.
 
 use std::collections::VecDeque;
 
@@ -16,25 +17,25 @@ use super::joint::{Channels, Joint};
 use super::model::Measurement;
 use super::odometry::Increment;
 
-/// Alternatives with less than e^−30 of the belief's odds are forgotten.
+/// Alternatives with less than e^−30 of the estimate's odds are dropped.
 const LOG_ODDS_LEAST: f64 = -30.0;
 
-/// What a jump is, and when it is believed.
+/// The model of an unmeasured motion (a jump), and the odds at which it is accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct JumpRule {
-    /// Positionings that an alternative is followed for.
+    /// Positionings for which an alternative is kept.
     pub window: u32,
-    /// How far a jump goes, per axis, m.
+    /// Sigma of a jump per axis, m.
     pub sigma_m: f64,
-    /// How far it turns, rad.
+    /// Sigma of its turn, rad.
     pub sigma_rad: f64,
     /// Prior odds of a jump between two positionings.
     pub share: f64,
-    /// Posterior odds from which a jump is believed.
+    /// Posterior odds at which a jump is accepted.
     pub odds: f64,
 }
 
-/// A belief, and what speaks for it.
+/// An alternative estimate, and its odds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Alternative {
     joint: Joint,
@@ -59,14 +60,14 @@ impl JumpHypotheses {
         self.alternatives.iter_mut().map(|a| &mut a.joint)
     }
 
-    /// Sets a copy of the belief apart that jumped now.
+    /// Starts an alternative: a copy of the belief that jumped now.
     pub fn branch(&mut self, belief: &Joint, rule: &JumpRule) {
         let mut joint = belief.clone();
         joint.disturb(rule.sigma_m, rule.sigma_rad);
         self.alternatives.push_back(Alternative { joint, log_odds: rule.share.ln(), age: 0 });
     }
 
-    /// Founds an alternative on a positioning that the belief expected with the log-evidence `believed`: its pose may be
+    /// Starts an alternative from a positioning whose log-evidence under the belief is `believed`: its pose may be
     /// any, so that each channel had the density of an outlier.
     pub fn found(
         &mut self,
@@ -83,8 +84,9 @@ impl JumpHypotheses {
         self.alternatives.push_back(Alternative { joint, log_odds, age: 0 });
     }
 
-    /// Corrects all alternatives by what the belief, with the log-evidence `believed`, was corrected by, and puts the
-    /// likeliest in the belief's place where its odds suffice: then the logarithm of these.
+    /// Corrects all alternatives by the measurement that corrected the belief with the log-evidence `believed`. Where
+    /// the odds of the most likely alternative suffice, it replaces the belief; returned is then the logarithm of its
+    /// odds.
     pub fn weigh(
         &mut self,
         belief: &mut Joint,

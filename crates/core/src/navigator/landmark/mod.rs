@@ -1,5 +1,5 @@
-//! Alternating landmark (Matsuda, Maki, Sato & Sakamaki 2017): two hovering vehicles take turns at standing still, and
-//! any number of others follow the one that stands.
+//! Alternating landmark (Matsuda, Maki, Sato & Sakamaki 2017): two hovering vehicles take turns at standing still,
+//! and any number of others follow the landmark.
 //!
 //! * [`model`]: the method's equations as pure functions.
 //! * [`paper`]: `landmark-paper`, particles over mover and landmark, the monitor and the reconstruction.

@@ -8,9 +8,10 @@ use std::f64::consts::{PI, TAU};
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, positive};
+use crate::error::Error;
 use crate::kernels::landmark::systematic_resample;
 use crate::measurement::angle::wrap;
+use crate::navigator::settings::{LandmarkPaperSettings, Settings, check_all};
 
 /// [x, y, yaw], m and rad.
 pub type Pose = [f64; 3];
@@ -44,19 +45,24 @@ pub struct Acoustics {
 }
 
 impl Acoustics {
-    /// Refuses what is not above zero.
+    /// Refuses what is outside the bounds of the settings.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`].
     pub fn validate(&self) -> Result<(), Error> {
-        for (name, value) in ["sigma_range_m", "sigma_own_bearing_rad", "sigma_peer_bearing_rad"]
-            .into_iter()
-            .zip(self.sigma)
-            .chain(["k_range", "k_own_bearing", "k_peer_bearing"].into_iter().zip(self.threshold))
-        {
-            positive(name, value)?;
-        }
-        Ok(())
+        let [range_m, own_rad, peer_rad] = self.sigma;
+        let [range, own, peer] = self.threshold;
+        check_all(
+            &LandmarkPaperSettings::bounds(),
+            &[
+                ("sigma_range_m", range_m),
+                ("sigma_own_bearing_deg", own_rad.to_degrees()),
+                ("sigma_peer_bearing_deg", peer_rad.to_degrees()),
+                ("k_range", range),
+                ("k_own_bearing", own),
+                ("k_peer_bearing", peer),
+            ],
+        )
     }
 }
 

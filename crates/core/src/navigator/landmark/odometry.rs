@@ -102,10 +102,19 @@ const VELOCITY_HELD_S: f64 = 2.0;
 /// Spectral density of the acceleration per axis from then on, m²/s³: what `local-only` takes for a vehicle with a DVL.
 const ACCELERATION_M2_PER_S3: f64 = 1e-2;
 
+/// What the position's variance grows by per axis from `from_ns` to `to_ns`, with a velocity measured at `velocity_ns`
+/// and held since, m².
+///
+/// The velocity walks away from the one held: `q a³ / 3` over an age `a` beyond what a reading holds for.
+#[must_use]
+pub fn held_velocity_drift_m2(velocity_ns: i64, from_ns: i64, to_ns: i64) -> f64 {
+    let late_s = |t_ns: i64| (seconds(t_ns.saturating_sub(velocity_ns)) - VELOCITY_HELD_S).max(0.0);
+    ACCELERATION_M2_PER_S3 / 3.0 * (late_s(to_ns).powi(3) - late_s(from_ns).powi(3))
+}
+
 /// The vehicle's clock and odometry.
 ///
-/// A velocity is held until the next one. Where that is late, the velocity walks away from the one held: the position's
-/// variance grows by `q a³ / 3` over an age `a` beyond what a reading holds for.
+/// A velocity is held until the next one; where that is late, [`held_velocity_drift_m2`] counts.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Odometer {
     now_ns: Option<i64>,
@@ -150,9 +159,7 @@ impl Odometer {
 
     /// What the position's variance grows by between two instants, per axis, with a velocity that nobody measures, m².
     fn drift_m2(&self, from_ns: i64, to_ns: i64) -> f64 {
-        let Some(velocity_ns) = self.velocity_ns else { return 0.0 };
-        let late_s = |t_ns: i64| (seconds(t_ns.saturating_sub(velocity_ns)) - VELOCITY_HELD_S).max(0.0);
-        ACCELERATION_M2_PER_S3 / 3.0 * (late_s(to_ns).powi(3) - late_s(from_ns).powi(3))
+        self.velocity_ns.map_or(0.0, |velocity_ns| held_velocity_drift_m2(velocity_ns, from_ns, to_ns))
     }
 
     fn remember(&mut self, stretch: Stretch) {

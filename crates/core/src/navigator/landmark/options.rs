@@ -3,16 +3,18 @@
 use super::consensus::ConsensusRule;
 use super::jump_hypotheses::JumpRule;
 use super::model::{Acoustics, Gate, Pose};
-use crate::error::{Error, non_negative};
+use crate::error::{Error, finite};
 use crate::mixture::FitOptions;
+use crate::navigator::settings::landmark_exchange::ExchangeSettings;
+use crate::navigator::settings::{LandmarkSettings, Settings, check_all};
 use crate::packet::landmark::{ExchangeFormat, ExchangeSize};
 
-/// Options of the Gaussian navigators. Defaults live with the Python models.
+/// Options of the Gaussian navigators. Defaults and bounds: [`LandmarkSettings`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LandmarkOptions {
     /// Standard deviations of the acoustic channels; the thresholds are not used.
     pub acoustics: Acoustics,
-    /// ε and the widths of the outliers' densities; `None` believes every measurement.
+    /// ε and the widths of the outliers' densities; `None`: no outliers, every measurement has full weight.
     pub outliers: Option<(f64, [f64; 3])>,
     /// Whether acoustic fixes are used at all; without, this is dead reckoning.
     pub use_fixes: bool,
@@ -68,7 +70,7 @@ impl PacketOptions {
 }
 
 impl LandmarkOptions {
-    /// Refuses what cannot be.
+    /// Refuses what is outside the bounds of the settings, or contradicts itself.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`] naming the option.
@@ -77,25 +79,44 @@ impl LandmarkOptions {
         if let Some((share, widths)) = self.outliers {
             check_mixture(share, widths)?;
         }
-        for (name, value) in [
+        let [gyro_radps, scale, misalignment_rad] = self.bias_sigma;
+        let [landing_m, landing_rad] = self.landing_sigma;
+        let mut values = vec![
+            ("resample_share", self.resample_share),
             ("roughening", self.roughening),
             ("bend_sigmas", self.bend_sigmas),
-            ("yaw_limit_rad", self.yaw_limit_rad),
+            ("yaw_limit_deg", self.yaw_limit_rad.to_degrees()),
             ("kurtosis_limit", self.kurtosis_limit),
-            ("sigma_gyro_bias0_radps", self.bias_sigma[0]),
-            ("sigma_dvl_scale0", self.bias_sigma[1]),
-            ("sigma_dvl_misalignment0_rad", self.bias_sigma[2]),
-            ("sigma_gyro_bias_radps_per_sqrt_s", self.gyro_bias_walk),
-            ("sigma_landing_m", self.landing_sigma[0]),
-            ("sigma_landing_yaw_rad", self.landing_sigma[1]),
-        ] {
-            non_negative(name, value)?;
+            ("sigma_gyro_bias0_degps", gyro_radps.to_degrees()),
+            ("sigma_gyro_bias_degps_per_sqrt_s", self.gyro_bias_walk.to_degrees()),
+            ("sigma_dvl_scale0", scale),
+            ("sigma_dvl_misalignment0_deg", misalignment_rad.to_degrees()),
+            ("sigma_landing_m", landing_m),
+            ("sigma_landing_yaw_deg", landing_rad.to_degrees()),
+            ("particles", self.particles as f64),
+        ];
+        if let Some(rule) = self.consensus {
+            values.extend([
+                ("consensus_window", rule.window as f64),
+                ("consensus_quorum", rule.quorum as f64),
+                ("consensus_agree", rule.agree),
+                ("consensus_disagree", rule.disagree),
+            ]);
         }
-        check_share("resample_share", self.resample_share)?;
+        if let Some(rule) = self.jump {
+            values.extend([
+                ("jump_window", f64::from(rule.window)),
+                ("jump_sigma_m", rule.sigma_m),
+                ("jump_sigma_yaw_deg", rule.sigma_rad.to_degrees()),
+                ("jump_share", rule.share),
+                ("jump_odds", rule.odds),
+            ]);
+        }
+        check_all(&LandmarkSettings::bounds(), &values)?;
         for value in self.first_landmark {
-            crate::error::finite("pose of the first landmark", value)?;
+            finite("pose of the first landmark", value)?;
         }
-        if self.particles != 0 && !(10..=1_000_000).contains(&self.particles) {
+        if (1..10).contains(&self.particles) {
             return Err(Error::OutOfBound {
                 quantity: "particles",
                 value: self.particles as f64,
@@ -103,21 +124,13 @@ impl LandmarkOptions {
             });
         }
         if let Some(rule) = self.consensus {
-            if rule.quorum < 2 || rule.quorum > rule.window {
+            if rule.quorum > rule.window {
                 return Err(Error::OutOfBound {
                     quantity: "consensus_quorum",
                     value: rule.quorum as f64,
                     bound: "2 to consensus_window",
                 });
             }
-            non_negative("consensus_agree", rule.agree)?;
-            non_negative("consensus_disagree", rule.disagree)?;
-        }
-        if let Some(rule) = self.jump {
-            non_negative("jump_sigma_m", rule.sigma_m)?;
-            non_negative("jump_sigma_yaw_rad", rule.sigma_rad)?;
-            check_share("jump_share", rule.share)?;
-            crate::error::positive("jump_odds", rule.odds)?;
         }
         Ok(())
     }
@@ -133,21 +146,15 @@ impl LandmarkOptions {
 ///
 /// # Errors
 /// [`Error::OutOfBound`].
-pub fn check_mixture(share: f64, widths: [f64; 3]) -> Result<(), Error> {
-    check_share("outlier_share", share)?;
-    for width in widths {
-        crate::error::positive("outlier width", width)?;
+pub fn check_mixture(share: f64, [width_m, own_rad, peer_rad]: [f64; 3]) -> Result<(), Error> {
+    if share == 0.0 {
+        return Err(Error::OutOfBound { quantity: "outlier_share", value: share, bound: "above 0" });
     }
-    Ok(())
-}
-
-/// A share in (0, 1].
-///
-/// # Errors
-/// [`Error::OutOfBound`].
-pub fn check_share(quantity: &'static str, value: f64) -> Result<(), Error> {
-    if value > 0.0 && value <= 1.0 {
-        return Ok(());
-    }
-    Err(Error::OutOfBound { quantity, value, bound: "above 0, at most 1" })
+    let values = [
+        ("outlier_share", share),
+        ("outlier_width_m", width_m),
+        ("outlier_width_rad", own_rad),
+        ("outlier_width_rad", peer_rad),
+    ];
+    check_all(&ExchangeSettings::BOUNDS, &values)
 }

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::model::{Measurement, Monitor};
+use super::odometry::held_velocity_drift_m2;
 use super::paper_cloud::PaperCloud;
 use super::paper_options::PaperOptions;
 use super::role_exchange::RoleExchange;
@@ -50,6 +51,8 @@ pub(super) struct PaperCounts {
 pub(super) struct PaperState {
     pub(super) now_ns: Option<i64>,
     pub(super) velocity_mps: [f64; 2],
+    /// Since when that velocity holds: the last reading, the last lift-off, or the first event.
+    pub(super) velocity_ns: i64,
     pub(super) yaw_rate_radps: f64,
     pub(super) landed: bool,
     pub(super) positioned: bool,
@@ -80,6 +83,7 @@ impl LandmarkPaper {
         let state = PaperState {
             now_ns: None,
             velocity_mps: [0.0; 2],
+            velocity_ns: 0,
             yaw_rate_radps: 0.0,
             landed: false,
             positioned: false,
@@ -103,14 +107,18 @@ impl LandmarkPaper {
         self.streams.at(purpose, self.state.step)
     }
 
-    /// (6), (8): what is measured, and how well by Table 4.
-    fn odometry(&self, dt_s: f64) -> OdometryStep {
+    /// (6), (8): what is measured, and how well by Table 4; where the DVL is silent, also how far the velocity may have
+    /// walked away from the one held, which the paper leaves open.
+    fn odometry(&self, from_ns: i64, to_ns: i64) -> OdometryStep {
+        let dt_s = seconds(to_ns.saturating_sub(from_ns));
         let [forward, left] = self.state.velocity_mps;
         let [low, high] = self.options.speed_bounds_mps;
         let [constant, root] = self.options.sigma_velocity;
+        let measured_mps = constant + root * forward.hypot(left).clamp(low, high).sqrt();
+        let drift_m2 = held_velocity_drift_m2(self.state.velocity_ns, from_ns, to_ns);
         OdometryStep {
             velocity_mps: self.state.velocity_mps,
-            sigma_mps: constant + root * forward.hypot(left).clamp(low, high).sqrt(),
+            sigma_mps: measured_mps.hypot(drift_m2.sqrt() / dt_s),
             yaw_rate_radps: self.state.yaw_rate_radps,
             sigma_radps: self.options.sigma_yaw_rate_radps,
             dt_s,
@@ -118,12 +126,15 @@ impl LandmarkPaper {
     }
 
     fn advance(&mut self, t_ns: i64) {
-        let Some(now_ns) = self.state.now_ns.replace(t_ns) else { return };
+        let Some(now_ns) = self.state.now_ns.replace(t_ns) else {
+            self.state.velocity_ns = t_ns;
+            return;
+        };
         // A landed vehicle is not propagated and gets no noise.
         if t_ns <= now_ns || self.state.landed || !self.state.positioned {
             return;
         }
-        let step = self.odometry(seconds(t_ns.saturating_sub(now_ns)));
+        let step = self.odometry(now_ns, t_ns);
         let stream = self.stream(Purpose::Process);
         self.state.cloud.predict(&step, now_ns, t_ns, &stream);
     }
@@ -167,6 +178,7 @@ impl Navigator for LandmarkPaper {
             }
             Payload::GroundVelocity { velocity_mps, .. } => {
                 self.state.velocity_mps = *velocity_mps;
+                self.state.velocity_ns = event.t_ns;
                 Outcome::Fused
             }
             Payload::TurnRate { yaw_rate_radps, .. } => {
@@ -186,6 +198,8 @@ impl Navigator for LandmarkPaper {
             }
             Payload::LiftedOff => {
                 self.state.landed = false;
+                // It stood still until now, which was as good as a reading.
+                self.state.velocity_ns = event.t_ns;
                 Outcome::Fused
             }
             Payload::RoleTaken { landmark } => {
@@ -233,14 +247,18 @@ impl Navigator for LandmarkPaper {
                 status: Status::NotStarted,
             };
         }
-        let (mut mean, p) = state.cloud.moments();
-        let ahead_s = state.now_ns.map_or(0.0, |now| seconds(t_ns.saturating_sub(now)));
+        let (mut mean, mut p) = state.cloud.moments();
+        let now_ns = state.now_ns.unwrap_or(t_ns);
+        let ahead_s = seconds(t_ns.saturating_sub(now_ns));
         if ahead_s > 0.0 && !state.landed {
             let (s, c) = mean.z.sin_cos();
             let [f, l] = state.velocity_mps;
             mean.x += (c * f - s * l) * ahead_s;
             mean.y += (s * f + c * l) * ahead_s;
             mean.z = wrap(mean.z + state.yaw_rate_radps * ahead_s);
+            let drift_m2 = held_velocity_drift_m2(state.velocity_ns, now_ns, t_ns);
+            p[(0, 0)] += drift_m2;
+            p[(1, 1)] += drift_m2;
         }
         Estimate {
             t_ns,

@@ -35,7 +35,7 @@ impl LandmarkPaper {
         true
     }
 
-    /// (23)–(25) solved for the landmark: one that nobody told of, as every particle sees it.
+    /// (23)–(25) solved for the landmark, for each particle: a landmark whose packet was lost.
     fn place_landmark(&mut self, values: [f64; 3]) {
         let stream = self.stream(Purpose::Belief);
         let n = self.state.cloud.len();
@@ -122,7 +122,7 @@ impl LandmarkPaper {
                 most = count - 1;
                 continue;
             }
-            let told = self.state.role_exchange.told(packet, capacity_bytes)?;
+            let told = self.state.role_exchange.checked_packet(packet, capacity_bytes)?;
             if told.is_some() {
                 self.state.counts.modes = count as u64;
             }

@@ -1,10 +1,11 @@
 //! Options of `landmark-paper`.
 
 use super::model::{Acoustics, Gate, MonitorRule, Pose};
-use super::options::{PacketOptions, check_mixture, check_share};
-use crate::error::{Error, finite, non_negative};
+use super::options::{PacketOptions, check_mixture};
+use crate::error::{Error, finite};
+use crate::navigator::settings::{LandmarkPaperSettings, Settings, check_all};
 
-/// Options of `landmark-paper`. Defaults live with the Python model.
+/// Options of `landmark-paper`. Defaults and bounds: [`LandmarkPaperSettings`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PaperOptions {
     /// n.
@@ -30,7 +31,7 @@ pub struct PaperOptions {
 }
 
 impl PaperOptions {
-    /// Refuses what is not finite or outside its bounds.
+    /// Refuses what is outside the bounds of the settings, or contradicts itself.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`].
@@ -39,23 +40,24 @@ impl PaperOptions {
         if let Gate::Mixture { share, widths } = self.gate {
             check_mixture(share, widths)?;
         }
-        for (name, value) in [
-            ("sigma_velocity_constant_mps", self.sigma_velocity[0]),
-            ("sigma_velocity_root", self.sigma_velocity[1]),
-            ("speed_min_mps", self.speed_bounds_mps[0]),
-            ("speed_max_mps", self.speed_bounds_mps[1]),
-            ("sigma_yaw_rate_radps", self.sigma_yaw_rate_radps),
-        ] {
-            non_negative(name, value)?;
-        }
-        check_share("replace_share", self.replace_share)?;
+        let [constant, root] = self.sigma_velocity;
+        let [low, high] = self.speed_bounds_mps;
+        let mut values = vec![
+            ("particles", self.particles as f64),
+            ("sigma_velocity_constant_mps", constant),
+            ("sigma_velocity_root", root),
+            ("speed_min_mps", low),
+            ("speed_max_mps", high),
+            ("sigma_yaw_rate_degps", self.sigma_yaw_rate_radps.to_degrees()),
+            ("replace_share", self.replace_share),
+        ];
         if let Some(rule) = self.monitor {
-            check_share("monitor_ratio", rule.ratio)?;
+            values.extend([("monitor_ratio", rule.ratio), ("monitor_trials", f64::from(rule.trials))]);
         }
+        check_all(&LandmarkPaperSettings::bounds(), &values)?;
         for value in self.first_landmark {
             finite("pose of the first landmark", value)?;
         }
-        let [low, high] = self.speed_bounds_mps;
         if low > high {
             return Err(Error::OutOfBound {
                 quantity: "speed_min_mps",
@@ -63,13 +65,6 @@ impl PaperOptions {
                 bound: "0 to speed_max_mps",
             });
         }
-        if (10..=1_000_000).contains(&self.particles) {
-            return Ok(());
-        }
-        Err(Error::OutOfBound {
-            quantity: "particles",
-            value: self.particles as f64,
-            bound: "10 to 1,000,000",
-        })
+        Ok(())
     }
 }

@@ -28,7 +28,7 @@ use crate::random::{Purpose, Stream, Streams};
 
 /// Which coordinates of a packet are angles.
 pub const PACKET_ANGLES: [bool; 6] = [false, false, true, false, true, true];
-/// Variance of a yaw of which nothing is known: uniform on the circle.
+/// Variance of an unknown yaw: uniform on the circle.
 const UNKNOWN_YAW: f64 = std::f64::consts::PI * std::f64::consts::PI / 3.0;
 
 /// Kinds of events that it reads beside positionings and packets.
@@ -66,7 +66,7 @@ pub(super) struct LandmarkState {
     pub(super) pending: Option<(VehicleId, Pair)>,
     pub(super) consensus: Consensus,
     pub(super) jumps: JumpHypotheses,
-    /// Logarithm of the density that the belief gave to what was measured.
+    /// Logarithm of the predictive density of the measurements.
     pub(super) log_evidence: f64,
     pub(super) step: u32,
     pub(super) counts: Counts,
@@ -168,7 +168,7 @@ impl Landmark {
         let variance = (sigma_rad * sigma_rad).max(1e-12);
         let spread = joint.own_covariance();
         let own = joint.own();
-        // Nothing was known: what the compass says is all there is.
+        // The yaw was unknown: the compass reading is the estimate.
         if spread[(2, 2)] >= UNKNOWN_YAW {
             let mut start = spread;
             start.fill_row(2, 0.0);

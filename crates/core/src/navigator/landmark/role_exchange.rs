@@ -115,7 +115,7 @@ impl RoleExchange {
     ///
     /// # Errors
     /// [`Error::Packet`] for a belief that is no belief; [`Error::PacketTooLong`] for a slot too short.
-    pub fn told(
+    pub fn checked_packet(
         &mut self,
         packet: Result<Vec<u8>, PacketError>,
         capacity_bytes: usize,

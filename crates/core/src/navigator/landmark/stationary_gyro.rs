@@ -1,4 +1,4 @@
-//! What the gyro of a stationary vehicle tells of its own bias.
+//! The bias of a gyro, estimated while its vehicle is at rest.
 
 use serde::{Deserialize, Serialize};
 

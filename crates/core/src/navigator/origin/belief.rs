@@ -1,8 +1,9 @@
 //! Navigators that exchange beliefs instead of pose graphs: each packet holds the sender's position, mean and covariance.
 //!
-//! * `nekf`: takes beliefs as independent (Walls & Eustice 2012, section 2.1). What came back counts twice.
-//! * `covariance-intersection`: takes their correlation as unknown (Julier & Uhlmann 1997). Never counts twice, and learns
-//!   less.
+//! * `nekf`: treats beliefs as independent (Walls & Eustice 2012, section 2.1). Information that returns to its source
+//!   is counted twice.
+//! * `covariance-intersection`: treats their correlation as unknown (Julier & Uhlmann 1997). Counts nothing twice, and is
+//!   conservative.
 
 use std::sync::Arc;
 
@@ -13,15 +14,16 @@ use super::graph::Graph;
 use super::local_options::LocalOptions;
 use super::range::Range;
 use super::sensors::{LOCAL_SENSORS, check_local_event};
-use crate::error::{Error, positive};
+use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
 use crate::navigator::radio::{BroadcastBelief, HeardBelief, Radio};
+use crate::navigator::settings::{BeliefSettings, Settings, check_all};
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::{Belief, PacketKind};
 
-/// What is assumed of a teammate's belief and one's own.
+/// Assumption on the correlation between a teammate's belief and the own one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Correlation {
@@ -38,7 +40,7 @@ pub struct BeliefOptions {
     pub local: LocalOptions,
     /// What is assumed of correlations.
     pub correlation: Correlation,
-    /// Factor on the process noise: spread where correlation is not kept.
+    /// Factor on the process noise, to compensate for correlation that is not modelled.
     pub process_noise_factor: f64,
     /// Whether this vehicle uses ranges.
     pub ranging: bool,
@@ -81,7 +83,7 @@ impl BeliefNavigator {
         options: BeliefOptions,
         sound_speed_mps: f64,
     ) -> Result<Self, Error> {
-        positive("process_noise_factor", options.process_noise_factor)?;
+        check_all(&BeliefSettings::bounds(), &[("process_noise_factor", options.process_noise_factor)])?;
         let mut local = options.local;
         local.process_noise_m2_per_s3 *= options.process_noise_factor;
         local.process_noise_dvl_m2_per_s3 *= options.process_noise_factor;
@@ -97,7 +99,7 @@ impl BeliefNavigator {
 
     fn hear(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let sigma_m = self.options.local.sigma_range_m;
-        let Some(HeardBelief { said: BroadcastBelief::Gaussian(belief), range_m }) =
+        let Some(HeardBelief { belief: BroadcastBelief::Gaussian(belief), range_m }) =
             self.core.radio.receive(sender, tol_ns, toa_ns, bytes, sigma_m)
         else {
             self.core.graph.reject(ALONE);
@@ -145,7 +147,7 @@ impl BeliefNavigator {
     }
 }
 
-/// A position belief as a node that stands still: a range asks for no more.
+/// A position belief as a node at rest; a range needs the position only.
 fn node_of(belief: &Belief) -> Gaussian<NODE> {
     let mut mean = NodeVector::zeros();
     mean.fixed_rows_mut::<2>(0).copy_from(&belief.mean_m);

@@ -1,5 +1,5 @@
-//! The centralised references: `cekf`, fed all that the whole team senses and hears (Webster et al. 2009), and the same
-//! for one vehicle at a time, fed the raw data of exactly the packets that it received.
+//! The centralised references: `cekf`, with all sensor data and receptions of the team (Webster et al. 2009), and the
+//! same for one vehicle at a time, with the raw data of exactly the packets that it received.
 
 use std::collections::VecDeque;
 
@@ -22,7 +22,7 @@ pub struct CentralOptions {
     pub ranging: Vec<bool>,
     /// m/s.
     pub sound_speed_mps: f64,
-    /// Length of the packet that ranges are assumed to ride on, for loss and air time.
+    /// Assumed length of the packet that carries a range, for loss and air time.
     pub packet_bytes: usize,
 }
 
@@ -61,7 +61,7 @@ impl CentralOptions {
     }
 }
 
-/// Refuses a launch before what the vehicle has done already.
+/// Refuses a launch before the vehicle's last event.
 fn check_launch(tol_ns: i64, now_ns: Option<i64>) -> Result<(), Error> {
     match now_ns {
         Some(now_ns) if tol_ns < now_ns => Err(Error::FromThePast { event_ns: tol_ns, now_ns }),
@@ -183,8 +183,8 @@ impl CentralEstimator for Cekf {
     }
 }
 
-/// What packets could tell at best: for each vehicle a graph of its own, with its own events as they come, of every peer
-/// the raw events up to the launch of the last packet that arrived, and its own ranges. Peers' ranges are not in it.
+/// The best that packets can transmit: one graph for each vehicle, with its own events, the raw events of every peer
+/// up to the launch of the last packet that arrived, and its own ranges. Peers' ranges are not in it.
 pub struct Received {
     options: CentralOptions,
     core: ReceivedCore,
@@ -194,8 +194,8 @@ pub struct Received {
 struct ReceivedCore {
     /// By receiver.
     graphs: Vec<Graph>,
-    /// By vehicle: its sensor events that a peer may still come to know.
-    told: Vec<VecDeque<(i64, Payload)>>,
+    /// By vehicle: its sensor events that a peer may still receive.
+    sensed: Vec<VecDeque<(i64, Payload)>>,
     /// By vehicle, how many events before `told`'s first have been dropped.
     dropped: Vec<u64>,
     /// By receiver and vehicle: how many of its events have been fed.
@@ -216,7 +216,7 @@ impl Received {
         let vehicles = options.ranging.len();
         let core = ReceivedCore {
             graphs: (0..vehicles).map(|_| Graph::new(vehicles, options.local)).collect(),
-            told: (0..vehicles).map(|_| VecDeque::new()).collect(),
+            sensed: (0..vehicles).map(|_| VecDeque::new()).collect(),
             dropped: vec![0; vehicles],
             fed: vec![vec![0; vehicles]; vehicles],
             last_ns: vec![None; vehicles],
@@ -230,18 +230,19 @@ impl Received {
         let core = &mut self.core;
         let listened = self.options.ranging.iter().enumerate().any(|(v, ranging)| v != own && *ranging);
         if listened && !matches!(payload, Payload::Motion { .. } | Payload::WaterDepth { .. }) {
-            core.told[own].push_back((t_ns, payload.clone()));
+            core.sensed[own].push_back((t_ns, payload.clone()));
         }
         core.started[own] |= matches!(payload, Payload::Fix { .. });
         core.graphs[own].sense(own, t_ns, payload)
     }
 
-    /// Feeds a receiver's graph what `sender` sensed up to `tol_ns`, and drops what all who listen have been fed.
+    /// Feeds a receiver's graph the sensor events of `sender` up to `tol_ns`, and drops those that all receivers
+    /// have.
     fn feed(&mut self, sender: usize, receiver: usize, tol_ns: i64) {
         let core = &mut self.core;
         let skip = core.fed[receiver][sender].saturating_sub(core.dropped[sender]) as usize;
         let graph = &mut core.graphs[receiver];
-        for (t_ns, payload) in core.told[sender].iter().skip(skip).take_while(|(t_ns, _)| *t_ns <= tol_ns) {
+        for (t_ns, payload) in core.sensed[sender].iter().skip(skip).take_while(|(t_ns, _)| *t_ns <= tol_ns) {
             graph.sense(sender, *t_ns, payload);
             core.fed[receiver][sender] += 1;
         }
@@ -252,7 +253,7 @@ impl Received {
             .map(|(v, _)| core.fed[v][sender])
             .min()
             .unwrap_or(0);
-        while core.dropped[sender] < known && core.told[sender].pop_front().is_some() {
+        while core.dropped[sender] < known && core.sensed[sender].pop_front().is_some() {
             core.dropped[sender] += 1;
         }
     }

@@ -1,7 +1,8 @@
 //! DEIF: delta information from one node to the next (Webster et al. 2010; Walls & Eustice 2012, section 3).
 //!
-//! As published, the server must be told what arrives: a delta since a node that the client lacks is of no use to it.
-//! `deif-redundant` repeats the last deltas in each packet instead, and goes deaf for good when more are lost in a row.
+//! As published, the server must know which packets arrive: a client cannot use a delta since a node that it lacks.
+//! `deif-redundant` repeats the last deltas in each packet instead; if more packets are lost in a row, the client can
+//! use none of the later ones.
 
 use std::sync::Arc;
 
@@ -22,10 +23,10 @@ use crate::navigator::{Estimate, Navigator, Outcome, Profile};
 use crate::packet::PacketError;
 use crate::packet::graph::DeltaMessage;
 
-/// How a client comes by the deltas of lost packets.
+/// How a client gets the deltas of lost packets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Repair {
-    /// The server is told what arrived, and sends the delta since that.
+    /// The server knows which packets arrived, and sends the delta since the last of them.
     Oracle,
     /// Each packet holds so many deltas.
     Repeat(usize),
@@ -242,7 +243,7 @@ impl Deif {
         Ok(Outcome::Fused)
     }
 
-    /// Word that a packet arrived at the client.
+    /// A packet arrived at the client (delivery oracle).
     fn delivered(&mut self, tol_ns: i64, to: VehicleId) -> Outcome {
         let nodes = self.core.server.chain().nodes();
         let node = nodes.iter().find(|node| node.tol_ns == tol_ns).map(|node| node.id);
@@ -280,7 +281,7 @@ impl Navigator for Deif {
                 if let Some(fused) = fused
                     && self.core.joint_filter.sense(event.t_ns, &fused).is_err()
                 {
-                    // The joint is less forgiving than the filter of the own node: neither takes it then.
+                    // A measurement that the joint filter refuses is not fused by the filter of the own node either.
                     self.core.server.filter.advance(event.t_ns);
                     self.core.rejected += 1;
                     return Ok(Outcome::Gated);

@@ -33,7 +33,7 @@ pub enum NodeChange {
     Moved(OdometryStep),
 }
 
-/// What a vehicle's own events come to.
+/// State of a vehicle's own sensors and clock.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct Member {
     sensors: Sensors,
@@ -44,7 +44,7 @@ struct Member {
 }
 
 impl Member {
-    /// What time alone does to the node until `t_ns`.
+    /// The prediction of the node to `t_ns`.
     fn drift(&self, t_ns: i64, options: &LocalOptions) -> OdometryStep {
         let dt_s = seconds(t_ns.saturating_sub(self.now_ns.unwrap_or(t_ns)));
         drift(self.odometer.moves(), dt_s, self.sensors.process_noise_m2_per_s3(options))
@@ -121,7 +121,7 @@ impl Graph {
         self.members[vehicle].rejected += 1;
     }
 
-    /// What time alone does to a vehicle's node until `t_ns`.
+    /// The prediction of a vehicle's node to `t_ns`.
     #[must_use]
     pub fn drift(&self, vehicle: usize, t_ns: i64) -> OdometryStep {
         self.members[vehicle].drift(t_ns, &self.options)
@@ -142,11 +142,16 @@ impl Graph {
 
     /// Advances a vehicle to its checked sensor event and fuses it.
     pub fn sense(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> Outcome {
-        self.sense_and_tell(vehicle, t_ns, payload).0
+        self.sense_with_change(vehicle, t_ns, payload).0
     }
 
     /// As [`Graph::sense`], and what it did to the node.
-    pub fn sense_and_tell(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> (Outcome, NodeChange) {
+    pub fn sense_with_change(
+        &mut self,
+        vehicle: usize,
+        t_ns: i64,
+        payload: &Payload,
+    ) -> (Outcome, NodeChange) {
         let nothing = (Outcome::Noted, NodeChange::Nothing);
         // Headings come at tens of hertz and are only kept: nothing has to move for them.
         if matches!(payload, Payload::Heading { .. } | Payload::Depth { .. }) {
@@ -201,7 +206,7 @@ impl Graph {
         }
     }
 
-    /// Moves a vehicle by its odometry. With the first of it, the node forgets its velocity.
+    /// Moves a vehicle by its odometry. The first odometry event replaces the velocity in the node.
     fn step(&mut self, vehicle: usize, payload: &Payload) -> Option<OdometryStep> {
         let node = self.find(Node::Current(vehicle as VehicleId));
         let member = &mut self.members[vehicle];
@@ -262,7 +267,7 @@ impl Graph {
         }
     }
 
-    /// What time alone does to a vehicle's node if nothing pushes it.
+    /// The prediction of a vehicle's node without acceleration.
     #[must_use]
     pub fn coast(&self, vehicle: usize, dt_s: f64) -> OdometryStep {
         drift(self.members[vehicle].odometer.moves(), dt_s, 0.0)

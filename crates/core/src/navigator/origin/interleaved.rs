@@ -5,10 +5,10 @@
 //! heard bank   { 2 }                        { 2, 3 }                       { 1, 2 } has own information: not fused
 //! ```
 //!
-//! A filter of the bank is made from the sensors of its origins and of nobody else. A range joins an own filter and a
-//! heard belief only if no vehicle is an origin of both: they are uncorrelated then, whatever was exchanged before. The
-//! result takes the place of the own filter of the joined origins where it has the smaller covariance. So a second range
-//! to the same teammate never adds to the first: it starts again from what that teammate has not told. Conservative,
+//! A filter of the bank is made from the sensors of its origins only. A range joins an own filter and a heard belief
+//! only if no vehicle is an origin of both: they are uncorrelated then, whatever was exchanged before. The result
+//! replaces the own filter of the joined origins where it has the smaller covariance. So a second range to the same
+//! teammate never adds to the first: it is fused with a filter that does not contain that teammate. Conservative,
 //! never overconfident.
 
 use std::sync::Arc;
@@ -52,7 +52,7 @@ pub struct Interleaved {
     core: InterleavedState,
 }
 
-/// A filter that others' sensors have gone into.
+/// A filter that contains data of other vehicles' sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Helped {
     origins: Origins,
@@ -119,13 +119,13 @@ impl Interleaved {
         }
     }
 
-    /// Own sensors go into every filter: they are an origin of all.
+    /// Own sensors are fused in every filter: the vehicle is an origin of all.
     fn sense(&mut self, t_ns: i64, payload: &Payload) -> Outcome {
         if !matches!(payload, Payload::Heading { .. } | Payload::Depth { .. }) {
             self.advance(t_ns);
         }
-        let (outcome, told) = self.core.graph.sense_and_tell(ALONE, t_ns, payload);
-        match told {
+        let (outcome, change) = self.core.graph.sense_with_change(ALONE, t_ns, payload);
+        match change {
             NodeChange::Nothing => {}
             // A filter that cannot take it is lost: the one alone never is.
             NodeChange::Linear(linear) => self.core.bank.retain_mut(|helped| {
@@ -181,7 +181,7 @@ impl Interleaved {
         self.admit(from, admission, heard, if better { Outcome::Fused } else { Outcome::Noted })
     }
 
-    /// Takes down that a packet was heard, once nothing can refuse it any more.
+    /// Records a received packet, after all checks.
     fn admit(&mut self, from: usize, admission: Admission, heard: HeardBitmap, outcome: Outcome) -> Outcome {
         if self.core.windows[from].commit(admission).is_err() {
             return self.reject();
@@ -190,7 +190,7 @@ impl Interleaved {
         outcome
     }
 
-    /// Takes a filter in if it is better than the one of the same origins.
+    /// Keeps a filter if its covariance is smaller than that of the filter with the same origins.
     fn offer(&mut self, joined: Helped) -> bool {
         match self.core.bank.iter_mut().find(|helped| helped.origins == joined.origins) {
             Some(have) if trace(&joined.node) < trace(&have.node) => *have = joined,
@@ -205,7 +205,7 @@ impl Interleaved {
         Outcome::Rejected
     }
 
-    /// The filter that knows best.
+    /// The filter with the smallest covariance.
     fn best(&self) -> Option<Helped> {
         let alone = self.core.graph.current(ALONE).map(|node| Helped { origins: self.core.alone, node });
         let all = alone.into_iter().chain(self.core.bank.iter().copied());
@@ -289,7 +289,7 @@ impl Navigator for Interleaved {
             takes_ranges: self.options.ranging,
             has_checksum: true,
             needs_delivery_oracle: false,
-            // Packets tell whom it heard, even where it uses no ranges.
+            // Packets acknowledge receptions, even where it uses no ranges.
             uses: LOCAL_SENSORS.with(Kind::Reception, true),
         }
     }

@@ -59,9 +59,9 @@ pub enum PeerUpdate {
 
 /// The own state and every peer's newest node, jointly: 4N numbers, whatever the length of the mission.
 ///
-/// A range lies between the sender's node at launch and this vehicle at arrival, but is known only when its packet is
-/// decoded, seconds later. So the filter remembers what happened within the last 30 s, goes back to the arrival, fuses
-/// there and repeats what came after: the result is that of the right order.
+/// A range lies between the sender's node at launch and this vehicle at arrival, but is available only when its
+/// packet is decoded, seconds later. So the filter stores the last 30 s, goes back to the arrival, fuses the range
+/// there and repeats the later updates: the result is that of the correct order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointFilter {
     options: LocalOptions,
@@ -97,10 +97,10 @@ impl Moment {
                     )?;
                 self.joint.fuse(&innovation)?;
             }
-            Change::Own(local::Change::Moved(told)) => {
+            Change::Own(local::Change::Moved(movement)) => {
                 self.moves = true;
                 let Some(own) = self.own else { return Ok(Outcome::Noted) };
-                let step = told.step(&self.joint.node_mean(own));
+                let step = movement.step(&self.joint.node_mean(own));
                 self.joint.propagate(own, &step.transition, &step.offset, &step.noise);
             }
             Change::Heard(heard) => {
@@ -176,7 +176,7 @@ impl JointFilter {
         Ok(())
     }
 
-    /// Keeps a change, now and then with a copy of the moment before it, and forgets what is too old to be gone back to.
+    /// Stores a change, at intervals with a copy of the joint before it, and drops what is older than the window.
     fn remember(&mut self, before: Moment, t_ns: i64, q: f64, change: Change) {
         if self.copies.back().is_none_or(|copy| t_ns.saturating_sub(copy.t_ns) >= COPIES_NS) {
             self.copies.push_back(before);
@@ -194,11 +194,11 @@ impl JointFilter {
         }
     }
 
-    /// Takes a packet's news and its range at `toa_ns`, `q_m2_per_s3` being the process noise until then and since. A
-    /// range that cannot be fused where it belongs (older than the memory) is left out. Gated: nothing has changed.
+    /// Fuses a packet's node and its range at `toa_ns`, `q_m2_per_s3` being the process noise until then and since. A
+    /// range older than the window is left out. Gated: nothing has changed.
     ///
     /// # Errors
-    /// [`Error::NotPositiveDefinite`] for news that cannot be weighed; nothing has changed then.
+    /// [`Error::NotPositiveDefinite`] for a node that cannot be fused; nothing has changed then.
     pub fn hear(
         &mut self,
         peer: VehicleId,

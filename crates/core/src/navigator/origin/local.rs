@@ -47,7 +47,7 @@ pub fn estimate(node: Option<&Gaussian<NODE>>, t_ns: i64, rejected: u64) -> Esti
     Estimate { t_ns, mean_m, covariance_m2, yaw: None, ess: None, rejected, status }
 }
 
-/// A Kalman filter over the own node that hears nothing but own sensors.
+/// A Kalman filter over the own node, with own sensors only.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct LocalFilter {
     options: LocalOptions,
@@ -82,7 +82,7 @@ pub struct Fused {
     pub q_m2_per_s3: f64,
     /// What it did.
     pub change: Change,
-    /// The step that odometry told, linearised at this filter's node.
+    /// The step of an odometry event, linearised at this filter's node.
     pub step: Option<odometry::OdometryStep>,
 }
 
@@ -122,18 +122,18 @@ impl LocalFilter {
 
     /// Advances to a checked sensor event and fuses it.
     pub fn sense(&mut self, t_ns: i64, payload: &Payload) -> Outcome {
-        self.sense_and_tell(t_ns, payload).0
+        self.sense_with_change(t_ns, payload).0
     }
 
     /// As [`LocalFilter::sense`], and what was fused.
-    pub fn sense_and_tell(&mut self, t_ns: i64, payload: &Payload) -> (Outcome, Option<Fused>) {
+    pub fn sense_with_change(&mut self, t_ns: i64, payload: &Payload) -> (Outcome, Option<Fused>) {
         self.advance(t_ns);
         let q_m2_per_s3 = self.sensors.process_noise_m2_per_s3(&self.options);
         let started = self.node.is_some();
-        if let Some(told) = self.odometer.told(payload, started) {
-            let step = self.node.map(|node| told.step(&node.mean));
+        if let Some(movement) = self.odometer.movement(payload, started) {
+            let step = self.node.map(|node| movement.step(&node.mean));
             self.node = self.node.zip(step).map(|(node, step)| step.applied(&node));
-            return (Outcome::Fused, Some(Fused { q_m2_per_s3, change: Change::Moved(told), step }));
+            return (Outcome::Fused, Some(Fused { q_m2_per_s3, change: Change::Moved(movement), step }));
         }
         let linear = match self.sensors.read(t_ns, payload) {
             SensorReading::Nothing => return (Outcome::Noted, None),

@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::{Error, positive};
+use crate::error::Error;
+use crate::navigator::settings::check_all;
+use crate::navigator::settings::origin::LOCAL_BOUNDS;
 
 /// How a vehicle's own motion and sensors are modelled, and ranges weighed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -20,17 +22,21 @@ pub struct LocalOptions {
 }
 
 impl LocalOptions {
-    /// Refuses what cannot be.
+    /// Refuses what is outside the bounds of the settings.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`].
     pub fn validate(&self) -> Result<(), Error> {
-        positive("process_noise_m2_per_s3", self.process_noise_m2_per_s3)?;
-        positive("process_noise_dvl_m2_per_s3", self.process_noise_dvl_m2_per_s3)?;
-        positive("sigma_velocity0_mps", self.sigma_velocity0_mps)?;
-        positive("sigma_range_m", self.sigma_range_m)?;
-        positive("gate_sigmas", self.gate_sigmas)?;
-        Ok(())
+        check_all(
+            &LOCAL_BOUNDS,
+            &[
+                ("process_noise_m2_per_s3", self.process_noise_m2_per_s3),
+                ("process_noise_dvl_m2_per_s3", self.process_noise_dvl_m2_per_s3),
+                ("sigma_velocity0_mps", self.sigma_velocity0_mps),
+                ("sigma_range_m", self.sigma_range_m),
+                ("gate_sigmas", self.gate_sigmas),
+            ],
+        )
     }
 }
 

@@ -280,7 +280,7 @@ impl Navigator for Mdeif {
         if let Some(fused) = fused
             && self.core.joint_filter.sense(event.t_ns, &fused).is_err()
         {
-            // The joint is less forgiving than the filter of the own node: neither takes it then.
+            // A measurement that the joint filter refuses is not fused by the filter of the own node either.
             self.core.server.filter.advance(event.t_ns);
             self.core.rejected += 1;
             return Ok(Outcome::Gated);

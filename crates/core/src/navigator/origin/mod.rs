@@ -1,12 +1,12 @@
-//! Cooperative navigation by exchanged pose graphs (Walls & Eustice 2012) and what it is compared with.
+//! Cooperative navigation by exchanged pose graphs (Walls & Eustice 2012), and its references.
 //!
 //! * [`local`]: own sensors and ranges, as every navigator of this family uses them.
 //! * [`server`]: a vehicle's local-only graph, which it broadcasts.
-//! * [`team`]: the joint filter of the own state and each peer's newest node.
+//! * [`joint_filter`]: the joint filter of the own state and each peer's newest node.
 //! * [`mdeif`], [`deif`]: the navigators.
 //! * [`belief`], [`interleaved`]: references that exchange positions instead of graphs.
-//! * [`odometry`]: vehicles that are told how they moved.
-//! * [`graph`], [`central`]: the references that are fed more than a vehicle can know.
+//! * [`odometry`]: vehicles with odometry.
+//! * [`graph`], [`central`]: references that use more information than a vehicle has.
 
 pub mod belief;
 pub mod central;

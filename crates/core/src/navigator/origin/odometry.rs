@@ -1,7 +1,7 @@
 //! Odometry: displacement and yaw change between events, in place of white acceleration.
 //!
-//! A vehicle that is told how it moved needs no velocity in its node. The node's second half then holds what its heading
-//! errs by and how much its odometer reads short:
+//! A vehicle with odometry needs no velocity in its node. The node's second half then holds the errors of its heading
+//! and of its odometer's scale:
 //!
 //! ```text
 //! [x, y, δψ, δs]      x' = x + (1 + δs) R(ψ + δψ) d        ψ: first heading, then yaw changes summed up
@@ -23,7 +23,7 @@ const SIGMA_SCALE0: f64 = 1e-3;
 pub struct OdometryStep {
     /// F.
     pub transition: NodeMatrix,
-    /// What F does not say.
+    /// The constant part of the displacement.
     pub offset: NodeVector,
     /// Q.
     pub noise: NodeMatrix,
@@ -36,7 +36,7 @@ impl OdometryStep {
         Self { transition: NodeMatrix::identity(), offset: NodeVector::zeros(), noise: NodeMatrix::zeros() }
     }
 
-    /// With the first odometry: the position stays, and the priors of heading error and scale take the velocity's place.
+    /// With the first odometry: the position stays, and the priors of heading error and scale replace the velocity.
     #[must_use]
     pub fn begin() -> Self {
         let mut step = Self::rest();
@@ -68,11 +68,12 @@ impl OdometryStep {
     }
 }
 
-/// What a vehicle may have moved without its odometry telling, between two launches: a millimetre, and as little of its
-/// heading's error and scale. Without it one at rest would launch the same node twice, which no information matrix holds.
+/// Sigma of the motion between two launches that odometry does not measure: a millimetre, and as little of the
+/// heading error and scale. Without it a vehicle at rest would launch the same node twice, which makes the
+/// information matrix singular.
 const SIGMA_REST: [f64; 4] = [1e-3, 1e-3, 1e-4, 1e-5];
 
-/// Covariance of what odometry does not tell between two launches.
+/// Covariance of the motion between two launches that odometry does not measure.
 #[must_use]
 pub fn unrest() -> NodeMatrix {
     NodeMatrix::from_diagonal(&NodeVector::from(SIGMA_REST).map(|sigma| sigma * sigma))
@@ -84,7 +85,7 @@ pub struct Move {
     body_m: Vector2<f64>,
     yaw_rad: f64,
     covariance: [f64; 6],
-    /// The vehicle's first: the node forgets its velocity.
+    /// The vehicle's first odometry event: it replaces the velocity in the node.
     first: bool,
 }
 
@@ -97,7 +98,7 @@ impl Move {
     }
 }
 
-/// What a vehicle with odometry must remember.
+/// State of a vehicle's odometry.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Odometer {
     yaw_rad: Option<f64>,
@@ -112,7 +113,7 @@ impl Odometer {
     }
 
     /// As [`Odometer::read`] for a vehicle that `started`; one that has no node yet only sums up its yaw.
-    pub fn told(&mut self, payload: &Payload, started: bool) -> Option<Move> {
+    pub fn movement(&mut self, payload: &Payload, started: bool) -> Option<Move> {
         match *payload {
             Payload::Odometry { displacement_m, yaw_change_rad, covariance } => {
                 let yaw_rad = self.yaw_rad?;
@@ -128,8 +129,8 @@ impl Odometer {
         }
     }
 
-    /// Reads a heading, the first of which is where yaw changes are counted from, or an odometry event; the latter, once
-    /// there is a heading and a `node`, gives the step that it tells.
+    /// Reads a heading, the first of which is where yaw changes are counted from, or an odometry event; the latter,
+    /// once there is a heading and a `node`, gives its step.
     pub fn read(&mut self, payload: &Payload, node: Option<&NodeVector>) -> Option<OdometryStep> {
         match *payload {
             Payload::Heading { yaw_rad, .. } if !self.moves => {
@@ -168,7 +169,7 @@ fn step(body_m: &Vector2<f64>, yaw_rad: f64, covariance: &[f64; 6], node: &NodeV
     OdometryStep { transition, offset: NodeVector::new(shift.x, shift.y, 0.0, 0.0), noise }
 }
 
-/// The step of time alone: white acceleration of this spectral density, or rest for a vehicle with odometry.
+/// The prediction step: white acceleration of this spectral density, or rest for a vehicle with odometry.
 #[must_use]
 pub fn drift(moves_by_odometry: bool, dt_s: f64, q_m2_per_s3: f64) -> OdometryStep {
     if moves_by_odometry {

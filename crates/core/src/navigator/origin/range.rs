@@ -19,7 +19,8 @@ pub struct Range {
 }
 
 impl Range {
-    /// From the travel time, reduced by both depths; `None` for one so steep that it says nothing about the horizontal.
+    /// From the travel time, reduced by both depths; `None` for one so steep that it has no information on the
+    /// horizontal distance.
     ///
     /// # Errors
     /// [`Error::Link`] for a travel time that is none, or a slant range too short for the depths.

@@ -1,4 +1,4 @@
-//! Own sensors as linear measurements of the own node, and which of them are believed.
+//! Own sensors as linear measurements of the own node, and their gates.
 
 use nalgebra::{Matrix2, SMatrix, Vector2};
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use crate::navigator::{Kinds, check_event};
 const PAUSE_MAX_S: f64 = 21_600.0;
 /// A heading older than this does not rotate a DVL's velocity any more, ns.
 const HEADING_AGE_MAX_NS: i64 = 10_000_000_000;
-/// So many fixes in a row that contradict the belief are believed: a lost vehicle must be able to find back.
+/// After so many gated fixes in a row the next one is used: a lost vehicle must be able to recover.
 const FIXES_BELIEVED: u32 = 3;
 
 /// Which half of a node a linear measurement observes.
@@ -54,7 +54,7 @@ impl Linear {
     }
 }
 
-/// What a sensor event comes to.
+/// Use of a sensor event.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SensorReading {
     /// Kept for later (heading, depth), or of no use here.
@@ -129,7 +129,7 @@ impl Sensors {
     }
 }
 
-/// Gates fixes, but believes a few in a row.
+/// Gates fixes, but not several in a row.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FixGate {
     contradicting: u32,
@@ -137,7 +137,7 @@ pub struct FixGate {
 
 impl FixGate {
     /// Whether a linear measurement with this normalised innovation squared may be fused. Velocities always may: a
-    /// turn contradicts them harder than most faults do.
+    /// turn causes larger innovations than most faults.
     pub fn admits(&mut self, half: Half, squared: f64, options: &LocalOptions) -> bool {
         if half == Half::Velocity {
             return true;

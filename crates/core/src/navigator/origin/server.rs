@@ -1,4 +1,4 @@
-//! A vehicle's local-only graph: what it broadcasts. Own odometry and fixes, never a range.
+//! A vehicle's local-only graph, which it broadcasts. Own odometry and fixes, never a range.
 
 use serde::{Deserialize, Serialize};
 
@@ -27,7 +27,7 @@ pub struct Server {
     since_ns: i64,
     /// Counts the packets: a node's id is its packet's counter.
     pub sequencer: Sequencer,
-    /// What each client (by vehicle) acknowledged; none for who uses no packets of this vehicle.
+    /// What each client (by vehicle) acknowledged; none for a vehicle that does not use the packets of this one.
     acknowledged: Vec<Option<AckBitmap>>,
     origin: Option<u64>,
     /// Nodes as they were sent, where that is not what they are.
@@ -92,7 +92,7 @@ impl Server {
             return Ok((self.filter.sense(t_ns, payload), None));
         }
         let mut filter = self.filter.clone();
-        let (outcome, fused) = filter.sense_and_tell(t_ns, payload);
+        let (outcome, fused) = filter.sense_with_change(t_ns, payload);
         if let Some(Fused { q_m2_per_s3, change, step }) = fused
             && !self.chain.nodes().is_empty()
         {
@@ -184,20 +184,20 @@ impl Server {
         form: GraphForm,
         lags: usize,
     ) -> Result<GraphPacket, Error> {
-        let mut told = UnroundedPacket { node: launch.node, origin: None, lags: Vec::new() };
+        let mut exact = UnroundedPacket { node: launch.node, origin: None, lags: Vec::new() };
         if let (Some(origin), Some(transition)) = (self.origin(), self.error_transition(launch)?) {
-            told.origin = Some((origin.id, self.sent_of(origin), transition));
+            exact.origin = Some((origin.id, self.sent_of(origin), transition));
             for id in rounded_lag_ids(launch.node.id, origin.id).take(lags) {
                 let Some(place) = self.chain.place(id) else { break };
                 let node = &self.chain.nodes()[place];
-                told.lags.push((id, self.sent_of(node), self.step_to(launch, place)?));
+                exact.lags.push((id, self.sent_of(node), self.step_to(launch, place)?));
             }
         }
         loop {
-            match rounded(&told, form) {
+            match rounded(&exact, form) {
                 Ok(packet) => return Ok(packet),
                 // An exact lag that does not fit its fields is left out: clients then use the filtered-error model.
-                Err(_) if told.lags.pop().is_some() => {}
+                Err(_) if exact.lags.pop().is_some() => {}
                 Err(error) => return Err(error.into()),
             }
         }
@@ -208,7 +208,7 @@ impl Server {
         self.sent.iter().find(|(id, _)| *id == node.id).map_or(node.filtered, |(_, sent)| *sent)
     }
 
-    /// Φ(launch, origin): how the filtered error at the origin lives on in that of the launch.
+    /// Φ(launch, origin): the transition of the filtered error from the origin to the launch.
     ///
     /// # Errors
     /// What composing steps says.
@@ -216,7 +216,7 @@ impl Server {
         let Some(place) = self.origin_place() else { return Ok(None) };
         let step = self.step_to(launch, place)?;
         let prior = self.chain.nodes()[place].filtered.covariance;
-        let settle = (NodeMatrix::identity() + prior * step.told_matrix)
+        let settle = (NodeMatrix::identity() + prior * step.smoothing_matrix)
             .try_inverse()
             .ok_or(Error::NotPositiveDefinite { quantity: "I + PJ of the origin" })?;
         Ok(Some(step.transition * settle))
@@ -251,7 +251,7 @@ impl Server {
         Ok(())
     }
 
-    /// What a client says that it received: the origin moves on to the newest node that all clients hold.
+    /// A client's acknowledgement: the origin moves on to the newest node that all clients hold.
     pub fn acknowledge(&mut self, client: VehicleId, bitmap: &AckBitmap) {
         if let Some(Some(known)) = self.acknowledged.get_mut(usize::from(client)) {
             known.merge(bitmap);
@@ -266,7 +266,7 @@ impl Server {
         }
     }
 
-    /// Forgets all nodes before this one: who reads the graph will not ask for them again.
+    /// Drops all nodes before this one: no reader of the graph needs them again.
     pub fn forget_before(&mut self, id: u64) {
         self.origin = Some(id);
         self.chain.forget_before(id);
@@ -279,7 +279,8 @@ impl Server {
             let launch = self.prepare(now_ns)?;
             let origin: Gaussian<NODE> = self.origin()?.filtered;
             let step = self.step_to(&launch, self.origin_place()?).ok()?;
-            let settle = (NodeMatrix::identity() + origin.covariance * step.told_matrix).try_inverse()?;
+            let settle =
+                (NodeMatrix::identity() + origin.covariance * step.smoothing_matrix).try_inverse()?;
             let smoothed = settle * origin.covariance;
             let cross = step.transition * smoothed;
             let own = launch.node.filtered.covariance;

@@ -1,6 +1,20 @@
-//! Bounds of numbers.
+//! Bounds of numbers. Settings state them; constructors of navigators check their options against the same.
 
 use crate::error::{Error, finite};
+
+/// An option and its bound.
+pub type Bounded = (&'static str, Bound);
+
+/// Refuses a value outside the bound that `bounds` has for its option.
+///
+/// # Errors
+/// What [`Bound::check`] says; [`Error::External`] for an option that `bounds` does not have.
+pub fn check_all(bounds: &[Bounded], values: &[(&'static str, f64)]) -> Result<(), Error> {
+    values.iter().try_for_each(|(option, value)| match bounds.iter().find(|(name, _)| name == option) {
+        Some((_, bound)) => bound.check(option, *value),
+        None => Err(Error::External(format!("{option} = {value} has no bound"))),
+    })
+}
 
 /// Between what a number must lie.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -6,12 +6,13 @@ use serde::{Deserialize, Serialize};
 
 use super::drift::BIAS_OPTIONS;
 use super::range::RangeSettings;
+use super::terrain::PARTICLES;
 use super::{Bound, Bounded, Context, DriftPreset, DriftSettings, Made, Settings, Unread, all_unread};
 use crate::chart::Chart;
 use crate::error::Error;
 use crate::navigator::dmpf::{Dmpf, DmpfOptions};
 use crate::navigator::range::RangeMethod;
-use crate::packet::PacketKind;
+use crate::packet::{MODES_MAX, PacketKind};
 
 /// Form of the broadcast belief.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -99,15 +100,16 @@ impl Settings for DmpfSettings {
 
     fn bounds() -> Vec<Bounded> {
         let own = [
-            ("particles", Bound::between(10.0, 1e7, "10 to 10,000,000")),
+            PARTICLES,
             ("resample_share", Bound::SHARE),
+            // Soundings stay within the trajectory that is kept, and the fast path within one pattern.
             ("window", Bound::between(1.0, 120.0, "1 to 120 differences")),
             ("sigma_like_m", Bound::POSITIVE),
             ("roughening_m2", Bound::NON_NEGATIVE),
             ("range_samples", Bound::between(1.0, 1e6, "1 to 1,000,000")),
             ("range_temper", Bound::SHARE),
             ("entropy_sigma_m", Bound::POSITIVE),
-            ("modes", Bound::between(1.0, 4.0, "1 to 4")),
+            ("modes", Bound::between(1.0, MODES_MAX as f64, "1 to 4")),
         ];
         own.into_iter().chain(RangeSettings::BOUNDS).chain(DriftSettings::bounds()).collect()
     }

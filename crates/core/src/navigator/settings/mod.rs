@@ -8,16 +8,16 @@ mod bounds;
 mod dmpf;
 mod drift;
 mod landmark;
-mod landmark_exchange;
+pub(super) mod landmark_exchange;
 mod landmark_paper;
 mod mpf;
-mod origin;
+pub(super) mod origin;
 mod origin_references;
-mod range;
+pub(super) mod range;
 mod team;
-mod terrain;
+pub(super) mod terrain;
 
-pub use bounds::Bound;
+pub use bounds::{Bound, Bounded, check_all};
 pub use dmpf::DmpfSettings;
 pub use drift::{DriftPreset, DriftSettings, PRESET_OPTIONS};
 pub use landmark::LandmarkSettings;
@@ -38,8 +38,6 @@ use crate::chart::Chart;
 use crate::error::Error;
 use crate::event::VehicleId;
 
-/// An option and its bound.
-pub type Bounded = (&'static str, Bound);
 /// An option that is not read, and why.
 pub type Unread = (&'static str, &'static str);
 

@@ -8,6 +8,9 @@ use crate::chart::Chart;
 use crate::navigator::drift::Drift;
 use crate::navigator::terrain_core::{MonitorOptions, TerrainOptions};
 
+/// Bound of a cloud's size.
+pub const PARTICLES: Bounded = ("particles", Bound::between(10.0, 1e7, "10 to 10,000,000"));
+
 /// Cloud, datum offset, soundings, health monitor. Drift stands beside it: serde refuses unknown options only where
 /// flattened structures are not nested.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -107,7 +110,7 @@ impl TerrainSettings {
     #[must_use]
     pub fn bounds() -> Vec<Bounded> {
         let own = [
-            ("particles", Bound::between(10.0, 1e7, "10 to 10,000,000")),
+            PARTICLES,
             ("resample_share", Bound::SHARE),
             ("sigma_depth_m", Bound::POSITIVE),
             ("sigma_offset0_m", Bound::POSITIVE),

@@ -9,6 +9,7 @@
 mod group;
 mod options;
 mod outgoing_data;
+mod own_sensors;
 mod packet_updates;
 mod plausibility;
 mod position_history;
@@ -25,13 +26,12 @@ pub use options::TeamOptions;
 use std::sync::Arc;
 
 use super::diagnostics::teammates;
-use super::drift::Drift;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
 use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, Status, check_event};
 use crate::chart::Chart;
-use crate::error::{Error, non_negative, positive};
+use crate::error::{Error, non_negative};
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
 use crate::kernels::lookup::Paired;
 use crate::kernels::team::BlockLayout;
@@ -87,7 +87,7 @@ impl<const K: usize> Team<K> {
         sound_speed_mps: f64,
         seed: u64,
     ) -> Result<Self, Error> {
-        positive("sigma_range_m", options.sigma_range_m)?;
+        options.validate()?;
         non_negative("referee_nat", options.referee_nat)?;
         options.clock.validate()?;
         if vehicles > usize::from(TEAM_MAX) {
@@ -97,11 +97,6 @@ impl<const K: usize> Team<K> {
         if options.drifts.len() != vehicles {
             let found = options.drifts.len();
             return Err(Error::Length { quantity: "drifts of the team", found, expected: vehicles });
-        }
-        options.drifts.iter().try_for_each(Drift::validate)?;
-        if !(1..=15).contains(&options.group_size) {
-            let value = options.group_size as f64;
-            return Err(Error::OutOfBound { quantity: "group_size", value, bound: "1 to 15" });
         }
         let overhead = if options.tag_bytes > 0 { options.tag_bytes } else { CRC_BYTES };
         let layout = TeamLayout::new(vehicles, options.frame_bytes.saturating_sub(overhead))?;
@@ -161,81 +156,6 @@ impl<const K: usize> Team<K> {
     fn group_of(&self, vehicle: VehicleId) -> usize {
         let place = usize::from(vehicle) - usize::from(vehicle > self.own);
         place / self.options.group_size
-    }
-
-    /// The own particles make a step, and what must know of it is told.
-    fn advance(&mut self, t_ns: i64) {
-        let Some(before_ns) = self.terrain.state.core.now_ns().filter(|now_ns| *now_ns < t_ns) else {
-            self.terrain.advance(t_ns);
-            return;
-        };
-        let covariance = self.terrain.state.core.covariance;
-        if let Some(current) = &mut self.state.current {
-            current.before(&self.terrain.state.core.cloud.linear);
-        }
-        let step = self.terrain.advance(t_ns);
-        let core = &self.terrain.state.core;
-        if let Some(current) = &mut self.state.current {
-            let dt_s = seconds(t_ns.saturating_sub(before_ns));
-            current.after(&core.cloud.linear, &covariance, step.as_ref(), dt_s);
-        }
-        if step.is_some() && self.options.use_ranges && !self.terrain.acquiring() {
-            self.state.history.remember(t_ns, &core.cloud.east, &core.cloud.north);
-        }
-    }
-
-    fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
-        let restarts = self.terrain.state.core.restarts;
-        let acquiring = self.terrain.acquiring();
-        let outcome = self.terrain.weigh_fix(position_m, covariance_m2);
-        // Nobody is told of a start before it is found.
-        if outcome == Outcome::Fused && !self.terrain.acquiring() {
-            self.state.outgoing.fix(t_ns, position_m, covariance_m2);
-        }
-        if acquiring && !self.terrain.acquiring() {
-            self.found(t_ns);
-        }
-        if self.terrain.state.core.restarts != restarts {
-            self.forget();
-            self.state.history.clear();
-        }
-        self.resample();
-        outcome
-    }
-
-    fn sounding(&mut self, t_ns: i64, water_depth_m: f64, sigma_m: f64) -> Outcome {
-        self.state.outgoing.sounding(t_ns, water_depth_m);
-        self.state.sigma_sounding_m = Some(sigma_m);
-        let acquiring = self.terrain.acquiring();
-        let (outcome, health) = self.terrain.weigh_sounding(water_depth_m, sigma_m);
-        if acquiring && !self.terrain.acquiring() {
-            self.found(t_ns);
-        }
-        if let Some(statistic) = health {
-            self.remember_own();
-            if self.terrain.watch(statistic) {
-                self.move_past();
-                self.forget();
-            } else {
-                self.resample();
-            }
-        }
-        self.judge();
-        outcome
-    }
-
-    /// The search for the own position has ended: the particles are others than before, and what was found is a start.
-    fn found(&mut self, t_ns: i64) {
-        self.forget();
-        self.state.history.clear();
-        if let Some(current) = &mut self.state.current {
-            *current = SharedCurrent::new(self.options.terrain.particles, self.state.mates.len());
-        }
-        let found = self.terrain.state.core.status == Status::Navigating;
-        if found && !self.state.outgoing.started() {
-            let (mean, covariance) = self.terrain.state.core.cloud.position_moments();
-            self.state.outgoing.fix(t_ns, mean, covariance);
-        }
     }
 
     fn remember_launch(&mut self, tol_ns: i64, sequence: u8) {
@@ -353,16 +273,16 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = self.terrain.diagnostics();
+        let mut columns = self.terrain.diagnostics();
         let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
         let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
-        said.extend(teammates(self.terrain.state.core.now_ns(), heard));
-        said.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
+        columns.extend(teammates(self.terrain.state.core.now_ns(), heard));
+        columns.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
         if self.lone.is_some() {
-            said.extend(self.state.referee.diagnostics());
+            columns.extend(self.state.referee.diagnostics());
         }
-        said.extend(self.clock_diagnostics());
-        said
+        columns.extend(self.clock_diagnostics());
+        columns
     }
 
     fn information_nat(&self) -> f64 {

@@ -1,7 +1,9 @@
 //! Options of `team`.
 
+use crate::error::Error;
 use crate::navigator::clock::ClockOptions;
 use crate::navigator::drift::Drift;
+use crate::navigator::settings::{Settings, TeamSettings, check_all};
 use crate::navigator::terrain_core::TerrainOptions;
 
 /// Options of `team`.
@@ -42,4 +44,31 @@ pub struct TeamOptions {
     pub offset_difference_m: f64,
     /// How far the outer points of a sounding may lie from a depth of the chart, m.
     pub fill_reach_m: f64,
+}
+
+impl TeamOptions {
+    /// Refuses what is outside the bounds of the settings.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`], [`Error::OutOfBound`] naming the option.
+    pub fn validate(&self) -> Result<(), Error> {
+        let mut values = vec![
+            ("sigma_range_m", self.sigma_range_m),
+            ("frame_bytes", self.frame_bytes as f64),
+            ("tag_bytes", self.tag_bytes as f64),
+            ("packet_spacing_m", self.packet_spacing_m),
+            ("group_size", self.group_size as f64),
+            ("packet_least_ess_share", self.least_ess_share),
+            ("current_difference", self.current_difference),
+            ("fill_reach_m", self.fill_reach_m),
+        ];
+        // Infinite for a gate that is never closed, and for offsets that have nothing in common.
+        let optional = [
+            ("range_gate_sigmas", self.range_gate_sigmas),
+            ("offset_difference_m", self.offset_difference_m),
+        ];
+        values.extend(optional.into_iter().filter(|(_, value)| *value != f64::INFINITY));
+        check_all(&TeamSettings::bounds(), &values)?;
+        self.drifts.iter().try_for_each(Drift::validate)
+    }
 }

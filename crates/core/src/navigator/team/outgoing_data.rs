@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::super::trajectory::Trajectory;
 use crate::event::{VehicleId, seconds};
 use crate::packet::{
-    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SPACINGS_S, TeamLayout, TeamReport,
+    FixContent, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SPACINGS_S, TeamLayout, TeamReport,
 };
 
 /// Longest window of a packet, s: what its field holds, and what the trajectory keeps.
@@ -184,13 +184,13 @@ impl OutgoingData {
         let tells = residual.iter().all(|r| r.abs() < 255.0);
         if self.fixes.information > 0.0 && tells && self.sent >= STARTS_AT_FIRST {
             let sigma_m = self.fixes.information.recip().sqrt();
-            let said = FixSays::Residual(residual);
-            report.fix = Some(ReportedFix { age_s: age(self.fixes.time_s), said, sigma_m });
+            let content = FixContent::Residual(residual);
+            report.fix = Some(ReportedFix { age_s: age(self.fixes.time_s), content, sigma_m });
         } else if self.sent < STARTS_AT_FIRST || self.sent.is_multiple_of(STARTS_EVERY) {
             let since = [0, 1].map(|a| report.position_m[a] - start.position_m[a]);
             if since.iter().all(|x| x.abs() < 8000.0) {
-                let said = FixSays::Start(since);
-                report.fix = Some(ReportedFix { age_s: age(0.0), said, sigma_m: start.sigma_m });
+                let content = FixContent::Start(since);
+                report.fix = Some(ReportedFix { age_s: age(0.0), content, sigma_m: start.sigma_m });
             }
         }
     }

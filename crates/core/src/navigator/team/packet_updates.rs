@@ -5,7 +5,7 @@ use crate::event::seconds;
 use crate::kernels::team::{Op, Prediction, RangeOp};
 use crate::measurement::sounding::sharing_error;
 use crate::navigator::drift::Drift;
-use crate::packet::{FixSays, TeamReport};
+use crate::packet::{FixContent, TeamReport};
 
 /// A report with the model parameters that its updates need.
 pub struct ReportModel<'a> {
@@ -111,7 +111,7 @@ impl PacketUpdates {
             );
         }
         if let Some(fix) = report.fix
-            && let FixSays::Residual(residual) = fix.said
+            && let FixContent::Residual(residual) = fix.content
         {
             let t_ns = ago(fix.age_s);
             let reckoned = self.at(t_ns);

@@ -9,7 +9,7 @@ use super::reception::position_moments;
 use crate::event::{VehicleId, seconds};
 use crate::navigator::drift::Drift;
 use crate::navigator::particle_core::FIXES_BELIEVED;
-use crate::packet::{FixSays, ReportedFix};
+use crate::packet::{FixContent, ReportedFix};
 
 /// So many sums of standard deviations away, a claim is not believed.
 const PLAUSIBLE_SIGMAS: f64 = 5.0;
@@ -41,9 +41,9 @@ impl<const K: usize> Team<K> {
         fix: &ReportedFix,
     ) -> bool {
         let report = &self.scratch.report;
-        let residual_m = match fix.said {
-            FixSays::Start(_) => [0.0; 2],
-            FixSays::Residual(residual_m) => residual_m,
+        let residual_m = match fix.content {
+            FixContent::Start(_) => [0.0; 2],
+            FixContent::Residual(residual_m) => residual_m,
         };
         let core = &self.terrain.state.core;
         let (own, covariance_m2) = core.cloud.position_moments();
@@ -70,7 +70,7 @@ impl<const K: usize> Team<K> {
         mate: &Teammate,
     ) -> u32 {
         let Some(fix) = self.scratch.report.fix else { return mate.contradicting_fixes };
-        let FixSays::Residual(residual_m) = fix.said else { return mate.contradicting_fixes };
+        let FixContent::Residual(residual_m) = fix.content else { return mate.contradicting_fixes };
         if !self.fix_contradicts(index, base, sender, tol_ns, mate, (&fix, residual_m)) {
             return 0;
         }
@@ -100,9 +100,9 @@ impl<const K: usize> Team<K> {
         let (current, current_m2ps2) = position_moments(group, base + 3, weights);
         let (here, began) = (updates.at(t_ns), updates.at(mate.tol_ns));
         let off = [0, 1].map(|a| {
-            let told = report.position_m[a] + here[a] + residual_m[a];
+            let reported = report.position_m[a] + here[a] + residual_m[a];
             let expected = mean[a] + here[a] - began[a] + current[a] * dt_s;
-            told - expected
+            reported - expected
         });
         let drift = &self.options.drifts[usize::from(sender)];
         let doubt_m = fix.sigma_m

@@ -12,7 +12,7 @@ use crate::kernels::weights::{weighted_covariance, weighted_mean};
 use crate::measurement::range::CloudInnovation;
 use crate::measurement::sounding::neutral_log_likelihood;
 use crate::navigator::Outcome;
-use crate::packet::FixSays;
+use crate::packet::FixContent;
 
 /// A packet that would leave too few particles has its weights quartered at most so many times.
 const SOFTENINGS: usize = 6;
@@ -103,12 +103,12 @@ impl<const K: usize> Team<K> {
             since_sounding_m: None,
             contradicting_fixes: 0,
         };
-        let residual_m = match fix.said {
-            FixSays::Start(since_m) => {
+        let residual_m = match fix.content {
+            FixContent::Start(since_m) => {
                 mate.position_m = [0, 1].map(|a| report.position_m[a] - since_m[a]);
                 [0.0; 2]
             }
-            FixSays::Residual(residual_m) => {
+            FixContent::Residual(residual_m) => {
                 let mut before = mate;
                 before.tol_ns = i64::MIN;
                 self.scratch.updates.trace(report, tol_ns, &before);

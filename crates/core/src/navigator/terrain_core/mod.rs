@@ -101,13 +101,13 @@ impl<const K: usize> TerrainCore<K> {
     /// As the particle core, with the datum offset and the alarms.
     #[must_use]
     pub fn diagnostics(&self) -> Vec<(&'static str, f64)> {
-        let mut said = self.state.core.diagnostics();
+        let mut columns = self.state.core.diagnostics();
         let (mean_m, variance_m2) =
             if self.state.core.started() { self.datum_offset() } else { (f64::NAN, f64::NAN) };
-        said.push(("datum_offset_m", mean_m));
-        said.push(("sigma_datum_offset_m", variance_m2.sqrt()));
-        said.push(("alarms", self.state.alarms as f64));
-        said
+        columns.push(("datum_offset_m", mean_m));
+        columns.push(("sigma_datum_offset_m", variance_m2.sqrt()));
+        columns.push(("alarms", self.state.alarms as f64));
+        columns
     }
 
     /// A fix up to its weights: resampling is left to the caller.

@@ -1,7 +1,9 @@
 //! Options of the terrain core: cloud, datum offset, soundings, health monitor, drift.
 
-use crate::error::{Error, non_negative, positive};
+use crate::error::Error;
 use crate::navigator::drift::Drift;
+use crate::navigator::settings::check_all;
+use crate::navigator::settings::terrain::TerrainSettings;
 
 /// When the cloud no longer explains its soundings: an EWMA of normalised squared mean innovations.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,40 +63,41 @@ pub struct TerrainOptions {
 }
 
 impl TerrainOptions {
-    /// Refuses what is outside its bound.
+    /// Refuses what is outside the bounds of the settings.
     ///
     /// # Errors
     /// [`Error::OutOfBound`], [`Error::NotFinite`].
     pub fn validate(&self) -> Result<(), Error> {
-        positive("resample_share", self.resample_share)?;
-        if let Some(sigma) = self.sigma_depth_m {
-            positive("sigma_depth_m", sigma)?;
+        let mut values = vec![
+            ("particles", self.particles as f64),
+            ("resample_share", self.resample_share),
+            ("sigma_offset0_m", self.sigma_offset0_m),
+            ("sigma_offset_m_per_sounding", self.sigma_offset_m_per_sounding),
+            ("sounding_spacing_m", self.sounding_spacing_m),
+            ("least_ess_share", self.least_ess_share),
+            ("acquisition_sigma_m", self.acquisition_sigma_m),
+            ("acquisition_particles", self.acquisition_particles as f64),
+        ];
+        let optional = [
+            ("sigma_depth_m", self.sigma_depth_m),
+            ("correlation_length_m", self.correlation_length_m),
+            ("sigma_map_m", self.sigma_map_m),
+            // Infinite for a Gaussian.
+            ("student_dof", Some(self.student_dof).filter(|dof| *dof != f64::INFINITY)),
+        ];
+        values.extend(optional.into_iter().filter_map(|(option, value)| Some((option, value?))));
+        if let Some(monitor) = &self.monitor {
+            values.extend([
+                ("monitor_forgetting", monitor.forgetting),
+                ("monitor_clip", monitor.clip),
+                ("monitor_alarm", monitor.alarm),
+                ("monitor_spread_m", monitor.spread_m),
+                ("monitor_repeat_spread_m", monitor.repeat_spread_m),
+                ("monitor_spread_current_mps", monitor.spread_current_mps),
+                ("monitor_quiet_s", monitor.quiet_s),
+                ("monitor_repeat_s", monitor.repeat_s),
+            ]);
         }
-        positive("sigma_offset0_m", self.sigma_offset0_m)?;
-        non_negative("sigma_offset_m_per_sounding", self.sigma_offset_m_per_sounding)?;
-        if self.student_dof.is_nan() || self.student_dof <= 0.0 {
-            return Err(Error::OutOfBound {
-                quantity: "student_dof",
-                value: self.student_dof,
-                bound: "above 0",
-            });
-        }
-        if let Some(length) = self.correlation_length_m {
-            non_negative("correlation_length_m", length)?;
-        }
-        if let Some(sigma) = self.sigma_map_m {
-            non_negative("sigma_map_m", sigma)?;
-        }
-        non_negative("sounding_spacing_m", self.sounding_spacing_m)?;
-        non_negative("least_ess_share", self.least_ess_share)?;
-        positive("acquisition_sigma_m", self.acquisition_sigma_m)?;
-        if !(10..=10_000_000).contains(&self.acquisition_particles) {
-            return Err(Error::OutOfBound {
-                quantity: "acquisition_particles",
-                value: self.acquisition_particles as f64,
-                bound: "10 to 10,000,000",
-            });
-        }
-        Ok(())
+        check_all(&TerrainSettings::bounds(), &values)
     }
 }

@@ -36,10 +36,22 @@ pub(super) struct Around {
 }
 
 impl<const K: usize> TerrainCore<K> {
+    /// Whether the chart can have this depth at all, whatever the tide.
+    #[must_use]
+    pub fn possible(&self, water_depth_m: f64, sensor_sigma_m: f64) -> bool {
+        let sigma_m =
+            self.options.sigma_depth_m.unwrap_or(sensor_sigma_m).hypot(self.options.sigma_offset0_m);
+        self.chart.as_ref().is_none_or(|chart| chart.admits(water_depth_m, sigma_m))
+    }
+
     /// A sounding up to its weights; with the health statistic where it was used. Watching and resampling are left to the
     /// caller.
     pub fn weigh_sounding(&mut self, water_depth_m: f64, sensor_sigma_m: f64) -> (Outcome, Option<f64>) {
         self.scratch.evidence_nat = None;
+        if self.state.core.started() && !self.possible(water_depth_m, sensor_sigma_m) {
+            self.state.core.rejected += 1;
+            return (Outcome::Gated, None);
+        }
         if self.options.start_anywhere && !self.state.core.started() {
             self.start_anywhere();
         }

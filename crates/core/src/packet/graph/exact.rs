@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::origin_field::{read_origin, told_lags, write_origin};
+use super::origin_field::{decoded_lag_ids, read_origin, write_origin};
 use crate::information::graph_packet::{GraphPacket, Lag, OriginCorrelation};
 use crate::information::reconstruct::filtered;
 use crate::information::{Gaussian, Information, Node, symmetrized};
@@ -79,7 +79,7 @@ pub(super) fn read_exact(reader: &mut BitReader, id: u64, tol_ns: i64) -> Result
         (OriginCorrelation::Joint(joint), filtered(&joint).map_err(indefinite)?.0)
     };
     let mut lags = Vec::with_capacity(count as usize);
-    for lag in told_lags(LAGS.name, id, begin, count)? {
+    for lag in decoded_lag_ids(LAGS.name, id, begin, count)? {
         // The one that is used is checked then: it must leave a step that data can give.
         lags.push((lag, Lag::Joint(read_information::<8>(reader)?)));
     }

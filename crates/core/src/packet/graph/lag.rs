@@ -1,11 +1,11 @@
-//! Exact lags in few bits: what a rounded packet says of its node and an earlier one.
+//! Exact lags in few bits: the relation between a rounded packet's node and an earlier one.
 //!
-//! Everything is told in the scales of the two nodes as they were sent, L₂ and L₃: A, what smoothing leaves of the earlier
-//! node's covariance; the shift of its mean; K = L₃⁻¹ Φ L₂ chol(A); and, where there is room, the step's noise
-//! N = L₃⁻¹ W L₃⁻ᵀ, which else is I − K Kᵀ. What a receiver makes of it is at least as uncertain as what is known: with the
-//! earlier covariance taken [`SLACK`] larger, the decoded joint covariance of both nodes less the exact one, errors of
-//! the rounded means included, is positive definite. With N that is reached by raising N, without it by a search over
-//! the neighbouring codes of A and K.
+//! All values are in the scales of the two nodes as they were sent, L₂ and L₃: A, the smoothed covariance of the
+//! earlier node; the shift of its mean; K = L₃⁻¹ Φ L₂ chol(A); and, where there is room, the step's noise N = L₃⁻¹ W
+//! L₃⁻ᵀ, which otherwise is I − K Kᵀ. The decoded covariance never understates the exact one: with the earlier
+//! covariance increased by [`SLACK`], the decoded joint covariance of both nodes minus the exact one, errors of the
+//! rounded means included, is positive definite. With N that is reached by raising N, without it by a search over the
+//! neighbouring codes of A and K.
 
 use nalgebra::SMatrix;
 
@@ -17,8 +17,8 @@ use crate::packet::covering::{
 use crate::packet::field::FixedField;
 use crate::packet::{BitReader, BitWriter, PacketError};
 
-/// Share by which the earlier node's covariance may be taken larger for the cover to hold. Rounding Φ of a vehicle that
-/// learns nothing of where it was is covered by no noise at all without it.
+/// Share by which the earlier node's covariance may be increased for the bound to hold. Without it no noise bounds
+/// the rounding of Φ of a vehicle without smoothing information.
 pub const SLACK: f64 = 0.004;
 /// How many codes A's sigmas are raised, each, in search of a cover.
 const RAISES: u32 = 2;
@@ -47,7 +47,7 @@ struct Exact {
 pub(super) struct Later<'a> {
     /// L₃⁻¹.
     pub(super) back: &'a NodeMatrix,
-    /// L₃⁻¹ times what its mean is, less what is sent of it.
+    /// L₃⁻¹ times the difference between its mean and the mean that is sent.
     pub(super) off: NodeVector,
 }
 
@@ -57,7 +57,7 @@ impl LagWidths {
         self.shift.decode((1 << (self.shift.bits - 1)) - 1)
     }
 
-    /// The lag as a receiver will decode it; `None`: its codes hold none that is honest.
+    /// The lag as a receiver will decode it; `None`: no code satisfies the bound.
     ///
     /// # Errors
     /// [`PacketError`] for a step that is none, or whose axes differ in the isotropic form.
@@ -69,12 +69,13 @@ impl LagWidths {
     ) -> Result<Option<RoundedLag>, PacketError> {
         let singular = || PacketError::NotPositiveDefinite { field: "smoothed covariance" };
         let root = root_of(&earlier.covariance)?;
-        let told = symmetrized(&(root.transpose() * step.told_matrix * root));
+        let told = symmetrized(&(root.transpose() * step.smoothing_matrix * root));
         if self.shape.sigmas.len() == 2 {
             check_isotropic(&told)?;
         }
         let smoothed = symmetrized(&(NodeMatrix::identity() + told).try_inverse().ok_or_else(singular)?);
-        let shift = smoothed * root.transpose() * (step.told_vector - step.told_matrix * earlier.mean);
+        let shift =
+            smoothed * root.transpose() * (step.smoothing_vector - step.smoothing_matrix * earlier.mean);
         if shift.iter().any(|value| value.abs() > self.most_shift()) {
             return Ok(None);
         }
@@ -109,7 +110,7 @@ impl LagWidths {
         Ok(None)
     }
 
-    /// K to the nearest codes, and the noise that makes it honest.
+    /// K to the nearest codes, and the noise with which the bound holds.
     fn with_noise(
         &self,
         scale: &Scale,
@@ -131,7 +132,8 @@ impl LagWidths {
         Some(RoundedLag { noise: Some(noise), ..lag })
     }
 
-    /// K near what keeps Φ or, where rounding made A far larger than it is, near what keeps the covariance of the two.
+    /// K near the value that keeps Φ or, where rounding increased A much, near the value that keeps the
+    /// cross-covariance.
     fn searched(&self, smoothed: NodeMatrix, shift: NodeVector, exact: &Exact) -> Option<RoundedLag> {
         let lag = RoundedLag { smoothed, shift, transition: NodeMatrix::zeros(), noise: None };
         let root = symmetrized(&lag.kept()?.1).cholesky()?.l();
@@ -140,7 +142,7 @@ impl LagWidths {
         keeping.iter().find_map(|wanted| self.neighbour(wanted, &lag, exact))
     }
 
-    /// Of the honest ones among neighbouring codes of K the one that leaves the least uncertain.
+    /// Among the neighbouring codes of K that satisfy the bound, the one with the smallest covariance.
     fn neighbour(&self, wanted: &NodeMatrix, lag: &RoundedLag, exact: &Exact) -> Option<RoundedLag> {
         let nearest = entry_codes(self.shape, self.transition, self.largest, wanted);
         let mut best: Option<(f64, RoundedLag)> = None;
@@ -191,7 +193,7 @@ impl LagWidths {
 }
 
 impl Exact {
-    /// The joint covariance of (earlier, later) that a lag decodes to, the earlier one [`SLACK`] larger, less what it is.
+    /// The decoded joint covariance of (earlier, later), the earlier one increased by [`SLACK`], minus the exact one.
     fn excess(&self, lag: &RoundedLag) -> Option<SMatrix<f64, 8, 8>> {
         let (_, smoothed) = lag.kept()?;
         let transition = lag.transition * smoothed.cholesky()?.l().try_inverse()?;

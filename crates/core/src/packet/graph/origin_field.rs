@@ -33,7 +33,7 @@ pub fn lag_ids(id: u64, origin: u64) -> impl Iterator<Item = u64> {
 }
 
 /// The transmissions that `count` lags of a packet are about, newest first.
-pub(super) fn told_lags(
+pub(super) fn decoded_lag_ids(
     field: &'static str,
     id: u64,
     begin: bool,

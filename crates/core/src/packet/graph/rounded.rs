@@ -1,4 +1,4 @@
-//! Pose graphs as packets: rounded forms that never claim more than was sent.
+//! Pose graphs as packets: rounded forms that never understate the covariance.
 //!
 //! | field | step | 64 and 256 bytes | 32 bytes |
 //! |---|---|---|---|
@@ -12,14 +12,14 @@
 //! | each: sigmas of A; correlations of A; shift; K | | 4 × 12, 6 × 10, 4 × 16, 16 × 13 | 2 × 7, 6, 4 × 7, 4 × 7 |
 //! | and its noise N: sigmas, correlations | 1/64 octave, 1/511.5 | 4 × 10, 6 × 10 | |
 //!
-//! P̂ = L̂ L̂ᵀ from sigmas and correlations covers the node's P, the rounding of the mean included: sigmas are raised,
-//! by as little volume as possible, until P̂ − P is positive semi-definite. M = L̂⁻¹ Φ L̂₀ is how the filtered error at
-//! the origin lives on in the node's; its norm is kept at 1 or below. Exact lags are covered by `lag`. The isotropic
-//! form holds one number for x and y.
+//! P̂ = L̂ L̂ᵀ from sigmas and correlations covers the node's P, the rounding of the mean included: sigmas are
+//! raised, by as little volume as possible, until P̂ − P is positive semi-definite. M = L̂⁻¹ Φ L̂₀ is the scaled
+//! transition of the filtered error from the origin to the node; its norm is kept at 1 or below. Exact lags are
+//! covered by `lag`. The isotropic form holds one number for x and y.
 
 use super::form::GraphForm;
 use super::lag::{LagWidths, Later};
-use super::origin_field::{read_origin, told_lags, write_origin};
+use super::origin_field::{decoded_lag_ids, read_origin, write_origin};
 use crate::information::graph_packet::{GraphPacket, Lag, OriginCorrelation};
 use crate::information::{Gaussian, GraphStep, Node, NodeMatrix, NodeVector, symmetrized};
 use crate::packet::covering::{
@@ -166,13 +166,13 @@ impl Widths {
         self.covered(mean, &wanted)
     }
 
-    /// Exact lags as far as they fit. They are told by their place: after one that does not there are none, and the
-    /// receiver has the filtered-error model.
-    fn lags(&self, told: &UnroundedPacket, sent: &Gaussian<4>) -> Result<Vec<(u64, Lag)>, PacketError> {
+    /// Exact lags as far as they fit. They are identified by their order: after one that does not fit there are none,
+    /// and the receiver uses the filtered-error model.
+    fn lags(&self, unrounded: &UnroundedPacket, sent: &Gaussian<4>) -> Result<Vec<(u64, Lag)>, PacketError> {
         let back = inverse_root_of(&sent.covariance)?;
-        let later = Later { back: &back, off: back * (told.node.filtered.mean - sent.mean) };
-        let mut lags = Vec::with_capacity(told.lags.len());
-        for (id, earlier, step) in &told.lags {
+        let later = Later { back: &back, off: back * (unrounded.node.filtered.mean - sent.mean) };
+        let mut lags = Vec::with_capacity(unrounded.lags.len());
+        for (id, earlier, step) in &unrounded.lags {
             let Some(lag) = self.lag.round(earlier, &later, step)? else { break };
             lags.push((*id, Lag::Rounded(lag)));
         }
@@ -200,15 +200,15 @@ pub struct UnroundedPacket {
 ///
 /// # Errors
 /// [`PacketError`] naming what does not fit, [`PacketError::NotIsotropic`].
-pub fn rounded(told: &UnroundedPacket, form: GraphForm) -> Result<GraphPacket, PacketError> {
+pub fn rounded(unrounded: &UnroundedPacket, form: GraphForm) -> Result<GraphPacket, PacketError> {
     let w = widths(form);
-    let (mut filtered, codes) = w.round(&told.node.filtered)?;
-    let mut lags = w.lags(told, &filtered)?;
+    let (mut filtered, codes) = w.round(&unrounded.node.filtered)?;
+    let mut lags = w.lags(unrounded, &filtered)?;
     for raise in 1..=NODE_RAISES {
-        if lags.len() == told.lags.len() {
+        if lags.len() == unrounded.lags.len() {
             break;
         }
-        // An exact lag that no code tells honestly is worth a little more of the node's own uncertainty.
+        // If no code bounds an exact lag, the node's own sigmas are raised a little.
         let sigmas: Vec<u32> = codes.sigmas.iter().map(|code| code + raise).collect();
         if w.shape
             .sigmas
@@ -220,13 +220,13 @@ pub fn rounded(told: &UnroundedPacket, form: GraphForm) -> Result<GraphPacket, P
         }
         let covariance = w.covariance.matrix(w.shape, &sigmas, &codes.correlations);
         let raised = Gaussian { covariance, ..filtered };
-        let found = w.lags(told, &raised)?;
+        let found = w.lags(unrounded, &raised)?;
         if found.len() > lags.len() {
             (filtered, lags) = (raised, found);
         }
     }
-    let (origin, tie) = match &told.origin {
-        None => (told.node.id, OriginCorrelation::Begin),
+    let (origin, tie) = match &unrounded.origin {
+        None => (unrounded.node.id, OriginCorrelation::Begin),
         Some((origin, known, transition)) => {
             if w.shape.sigmas.len() == 2 {
                 check_isotropic(transition)?;
@@ -235,7 +235,7 @@ pub fn rounded(told: &UnroundedPacket, form: GraphForm) -> Result<GraphPacket, P
             (*origin, OriginCorrelation::Correlation(back * transition * root_of(&known.covariance)?))
         }
     };
-    Ok(GraphPacket { node: Node { filtered, ..told.node }, origin, tie, lags })
+    Ok(GraphPacket { node: Node { filtered, ..unrounded.node }, origin, tie, lags })
 }
 
 fn inverse_root_of(covariance: &NodeMatrix) -> Result<NodeMatrix, PacketError> {
@@ -311,7 +311,7 @@ pub(super) fn read_rounded(
     let mut lags = Vec::new();
     if w.lag_count > 0 {
         let count = lag_count(w.lag_count).read(reader)?;
-        for lag in told_lags("exact lags", id, begin, count)? {
+        for lag in decoded_lag_ids("exact lags", id, begin, count)? {
             lags.push((lag, Lag::Rounded(w.lag.read(reader)?)));
         }
     }

@@ -49,7 +49,7 @@ fn moved(
 
 /// The joint covariance of (earlier, later) that a step from N(x₂, P₂) gives.
 fn joint_from(prior: &NodeMatrix, step: &GraphStep) -> SMatrix<f64, 8, 8> {
-    let smoothed = (prior.try_inverse().unwrap() + step.told_matrix).try_inverse().unwrap();
+    let smoothed = (prior.try_inverse().unwrap() + step.smoothing_matrix).try_inverse().unwrap();
     joint(&symmetrized(&smoothed), &step.transition, &step.noise)
 }
 
@@ -79,12 +79,12 @@ proptest! {
         let first = Node { id: 0, tol_ns: 0, filtered: state };
         let sent = rounded(&UnroundedPacket { node: first, origin: None, lags: Vec::new() }, form).unwrap().node.filtered;
         let step = moved(&mut state, seconds, fix, dvl, q, &z);
-        let told = UnroundedPacket {
+        let unrounded = UnroundedPacket {
             node: Node { id: 1, tol_ns: 1, filtered: state },
             origin: Some((0, sent, step.transition)),
             lags: vec![(0, sent, step)],
         };
-        let graph = rounded(&told, form).unwrap();
+        let graph = rounded(&unrounded, form).unwrap();
         let link = GraphLink { form, sender: 0, tol_ns: 1, bitmaps: 0 };
         let message = GraphMessage { sequence: 1, depth_m: 0.0, bitmaps: Vec::new(), graph: Some(graph.clone()) };
         let bytes = message.encode(&link).unwrap();
@@ -112,15 +112,15 @@ fn a_ship_with_gps_tells_its_lag() {
     let z = [0.3, -1.1, 0.8, -0.2, 1.3, -0.7, 0.1];
     let start = SVector::<f64, 4>::new(9.0, 9.0, 1.0, 1.0);
     let mut state = Gaussian { mean: NodeVector::zeros(), covariance: NodeMatrix::from_diagonal(&start) };
-    let (mut told, mut sent): (usize, Option<Gaussian<4>>) = (0, None);
+    let (mut lag_count, mut sent): (usize, Option<Gaussian<4>>) = (0, None);
     for id in 0..40 {
         let step = moved(&mut state, 8 + id % 20, 3.0, (0.0, 0.0), 1e-4, &z);
         let node = Node { id: u64::from(id), tol_ns: 0, filtered: state };
         let origin = sent.map(|sent| (u64::from(id) - 1, sent, step.transition));
         let lags = sent.map(|sent| (u64::from(id) - 1, sent, step)).into_iter().collect();
         let graph = rounded(&UnroundedPacket { node, origin, lags }, GraphForm::Frame32).unwrap();
-        told += graph.lags.len();
+        lag_count += graph.lags.len();
         sent = Some(graph.node.filtered);
     }
-    assert!(told >= 37, "{told} of 39");
+    assert!(lag_count >= 37, "{lag_count} of 39");
 }

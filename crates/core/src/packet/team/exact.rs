@@ -2,7 +2,7 @@
 
 use super::layout::{COUNTER, HEARD_BITS, TeamLayout};
 use super::report::{
-    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
+    FixContent, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
 };
 use crate::packet::{BitReader, BitWriter, FloatField, PacketError, PacketKind, UnsignedField, append_crc};
 
@@ -43,9 +43,9 @@ impl TeamReport {
         put(self.window_s)?;
         self.position_m.iter().chain(self.pieces_m.iter().flatten()).try_for_each(|x| put(*x))?;
         if let Some(fix) = &self.fix {
-            let (start, [e, n]) = match fix.said {
-                FixSays::Start(since_m) => (1.0, since_m),
-                FixSays::Residual(residual_m) => (0.0, residual_m),
+            let (start, [e, n]) = match fix.content {
+                FixContent::Start(since_m) => (1.0, since_m),
+                FixContent::Residual(residual_m) => (0.0, residual_m),
             };
             [fix.age_s, start, e, n, fix.sigma_m].into_iter().try_for_each(&mut put)?;
         }
@@ -79,8 +79,8 @@ impl TeamReport {
         if has_fix {
             let (age_s, start) = (take(0.0, FARTHEST)?, take(0.0, 1.0)?);
             let pair = [take(-FARTHEST, FARTHEST)?, take(-FARTHEST, FARTHEST)?];
-            let said = if start > 0.5 { FixSays::Start(pair) } else { FixSays::Residual(pair) };
-            self.fix = Some(ReportedFix { age_s, said, sigma_m: take(1e-3, FARTHEST)? });
+            let content = if start > 0.5 { FixContent::Start(pair) } else { FixContent::Residual(pair) };
+            self.fix = Some(ReportedFix { age_s, content, sigma_m: take(1e-3, FARTHEST)? });
         }
         let mut last_s = -1.0;
         for _ in 0..soundings {

@@ -1,13 +1,14 @@
 //! The packet of `team`: a [`TeamReport`] by a [`TeamLayout`], rounded or as `f64`.
 
 mod exact;
+mod fix_field;
 mod layout;
 mod report;
 mod rounded;
 
 pub use layout::{SPACINGS_S, TeamLayout};
 pub use report::{
-    FixSays, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
+    FixContent, KNOTS_MAX, ReportedFix, ReportedRange, ReportedSounding, SOUNDINGS_MAX, TeamReport,
 };
 
 use super::{BitReader, CRC_BYTES, Header, PacketError, PacketKind, check_crc};

@@ -29,7 +29,7 @@ pub struct ReportedRange {
 
 /// What a fix says of dead reckoning.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum FixSays {
+pub enum FixContent {
     /// It is where dead reckoning began; commanded displacement from there to the launch, m.
     Start([f64; 2]),
     /// Fix minus dead reckoning at its time, m.
@@ -42,7 +42,7 @@ pub struct ReportedFix {
     /// Before the launch, s.
     pub age_s: f64,
     /// What it is measured against.
-    pub said: FixSays,
+    pub content: FixContent,
     /// Standard deviation per axis, m.
     pub sigma_m: f64,
 }
