@@ -27,7 +27,7 @@ pub(super) struct SoundingScratch {
     around: Vec<f64>,
 }
 
-/// What the chart is under the particles and around them, in the mean over those that have one.
+/// What the chart is under the particles and around them, in the mean over them.
 pub(super) struct Around {
     /// Variance of the chart's error, m².
     pub map_m2: f64,
@@ -148,7 +148,7 @@ impl SoundingScratch {
         self.sigma_map(fixed_m, chart, east, north);
         let weights = cloud.weights();
         let map_m2 = self.sigma_map.iter().zip(weights).map(|(s, w)| w * s * s).sum();
-        let (mut varies_m2, mut charted) = (0.0, 0.0);
+        let mut varies_m2 = 0.0;
         for i in 0..n {
             let (mut squares, mut known) = (0.0, 0.0);
             for k in 1..5 {
@@ -158,14 +158,10 @@ impl SoundingScratch {
                     known += 1.0;
                 }
             }
-            if known > 0.0 {
-                let varies = 2.0 * squares / known;
-                varies_m2 += weights[i] * varies;
-                charted += weights[i];
-                self.sigma_map[i] = (self.sigma_map[i].powi(2) + varies).sqrt();
-            }
+            let rho = if known > 0.0 { 2.0 * squares / known } else { 0.0 };
+            varies_m2 += weights[i] * rho;
+            self.sigma_map[i] = (self.sigma_map[i].powi(2) + rho).sqrt();
         }
-        let varies_m2 = if charted > 0.0 { varies_m2 / charted } else { 0.0 };
         Around { map_m2, varies_m2 }
     }
 
