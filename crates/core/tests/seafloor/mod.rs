@@ -195,11 +195,11 @@ impl Seafloor {
         positions: bool,
     ) {
         for step in 0..seconds * 5 {
-            for v in 0..team.len() {
+            for (v, navigator) in team.iter_mut().enumerate() {
                 let moving = v != landmark;
                 let yaw_rate = if moving && speed > 0.0 { 0.02 * (0.03 * step as f64).sin() } else { 0.0 };
                 let speed = if moving { speed } else { 0.0 };
-                self.step(v, yaw_rate, speed, team[v].as_mut());
+                self.step(v, yaw_rate, speed, navigator.as_mut());
             }
             self.t_ns += STEP;
             if positions && (step + 1) % 50 == 0 {

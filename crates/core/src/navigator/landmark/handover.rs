@@ -89,8 +89,9 @@ impl Landmark {
             let most = (CLAIMED_SIGMAS * CLAIMED_SIGMAS * own).max(CLAIMED[k] * CLAIMED[k]);
             off[k] * off[k] / (2.0 * (own + claimed[(k, k)].clamp(0.0, most)) + FLOOR[k] * FLOOR[k])
         };
-        // Written as a negation, so that NaN contradicts.
-        !((0..3).map(share).sum::<f64>() <= EXCHANGE_GATE)
+        let statistic = (0..3).map(share).sum::<f64>();
+        // What is not a number contradicts.
+        statistic.is_nan() || statistic > EXCHANGE_GATE
     }
 
     pub(super) fn role(&mut self, landmark: bool) {

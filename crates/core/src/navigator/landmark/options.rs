@@ -123,14 +123,12 @@ impl LandmarkOptions {
                 bound: "0 or 10 to 1,000,000",
             });
         }
-        if let Some(rule) = self.consensus {
-            if rule.quorum > rule.window {
-                return Err(Error::OutOfBound {
-                    quantity: "consensus_quorum",
-                    value: rule.quorum as f64,
-                    bound: "2 to consensus_window",
-                });
-            }
+        if let Some(rule) = self.consensus.filter(|rule| rule.quorum > rule.window) {
+            return Err(Error::OutOfBound {
+                quantity: "consensus_quorum",
+                value: rule.quorum as f64,
+                bound: "2 to consensus_window",
+            });
         }
         Ok(())
     }

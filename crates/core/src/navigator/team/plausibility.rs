@@ -55,8 +55,9 @@ impl<const K: usize> Team<K> {
             + larger_sigma(covariance_m2)
             + self.options.sigma_range_m
             + self.options.clock.doubt_m(self.radio.sound_speed_mps, range_m, seconds(toa_ns));
-        // Not within, rather than outside: what is not a number contradicts.
-        !((between[0].hypot(between[1]) - range_m).abs() <= PLAUSIBLE_SIGMAS * doubt_m)
+        let off_m = (between[0].hypot(between[1]) - range_m).abs();
+        // What is not a number contradicts.
+        off_m.is_nan() || doubt_m.is_nan() || off_m > PLAUSIBLE_SIGMAS * doubt_m
     }
 
     /// Takes a fix that contradicts the teammate's block out of the packet and counts it, unless it insists: a lost
@@ -109,6 +110,7 @@ impl<const K: usize> Team<K> {
             + larger_sigma(covariance_m2)
             + larger_sigma(current_m2ps2) * dt_s
             + reckoning_m(drift, updates.speed(report), dt_s);
-        !(off[0].hypot(off[1]) <= PLAUSIBLE_SIGMAS * doubt_m)
+        let off_m = off[0].hypot(off[1]);
+        off_m.is_nan() || doubt_m.is_nan() || off_m > PLAUSIBLE_SIGMAS * doubt_m
     }
 }

@@ -149,7 +149,7 @@ impl SoundingScratch {
         let weights = cloud.weights();
         let map_m2 = self.sigma_map.iter().zip(weights).map(|(s, w)| w * s * s).sum();
         let mut varies_m2 = 0.0;
-        for i in 0..n {
+        for (i, weight) in weights.iter().enumerate().take(n) {
             let (mut squares, mut known) = (0.0, 0.0);
             for k in 1..5 {
                 let off = self.around[k * n + i] - self.depth[i];
@@ -159,7 +159,7 @@ impl SoundingScratch {
                 }
             }
             let rho = if known > 0.0 { 2.0 * squares / known } else { 0.0 };
-            varies_m2 += weights[i] * rho;
+            varies_m2 += weight * rho;
             self.sigma_map[i] = (self.sigma_map[i].powi(2) + rho).sqrt();
         }
         Around { map_m2, varies_m2 }
