@@ -307,7 +307,7 @@ WRONG = [
     ),
     (
         "loss={model='distance', file='nowhere.csv'}",
-        "acoustics.loss range test nowhere.csv cannot be read: No such file or directory",
+        "acoustics.loss range test nowhere.csv: nowhere.csv cannot be read: No such file or directory",
     ),
     (
         "loss={model='distance', file='nowhere.csv', columns={distanc='r'}}",

@@ -12,6 +12,7 @@ import pytest
 import uwcoop
 from uwcoop.errors import MissingDependencyError, ScenarioError, ScheduleError, StudyError
 from uwcoop.evaluation import metrics
+from uwcoop.experiment import study_workers
 from uwcoop.experiment.study import StudyResult
 from uwcoop.scenario import alternatives, load
 
@@ -102,14 +103,13 @@ def test_resume_flies_only_what_is_missing(
     # The last mission was being written when the machine went down: one whole row, and half of another.
     (again / "runs.csv").write_text("".join(lines[:-5]) + lines[-5][:20], encoding="utf-8")
     flown: list[int] = []
-    inside = uwcoop.study.__globals__
-    fly = inside["_fly"]
+    fly = study_workers._fly
 
     def counted(seed: int, job: Any, navigators: Any) -> Any:
         flown.extend([seed] * len(job))
         return fly(seed, job, navigators)
 
-    monkeypatch.setitem(inside, "_fly", counted)
+    monkeypatch.setattr(study_workers, "_fly", counted)
     resumed = small(3, {LOSS: [0.0, 0.5]}, out=again, resume=True)
     assert flown == [2]
     assert timeless(resumed.rows) == timeless(result.rows)

@@ -404,7 +404,7 @@ def test_traffic_without_commands_or_packets_or_truth(missions: list[Mission]) -
     with pytest.raises(TracksError, match="no navigator sends packets"):
         traffic_figure(m.tracks, {key: column[:0] for key, column in m.packets.items()})
     unknown = m.tracks.assign(truth_position_m=m.tracks["truth_position_m"] * np.nan)
-    with pytest.raises(TracksError, match="true paths are not known"):
+    with pytest.raises(TracksError, match="true paths are unknown"):
         traffic_figure(unknown, m.packets)
 
 

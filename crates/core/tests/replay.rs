@@ -339,7 +339,10 @@ fn a_vehicle_too_far_or_too_deep_for_its_packet_keeps_silent_and_the_others_go_o
             vec![fix(0, 0, position_m, variance_m2), depth(0, 0, depth_m), fix(0, 1, [100.0, 0.0], 25.0)];
         let slots = vec![slot(SECOND, 0), slot(3 * SECOND, 1)];
         let mission = Mission::new(2, link(), events, slots, vec![], 9 * SECOND).unwrap();
-        let member = |own| Box::new(mpf::<2>(own, 2, mpf_options(60), &chart, 11)) as Box<dyn Navigator>;
+        // A vehicle that searches for its position is silent by itself: this one does not search.
+        let mut options = mpf_options(60);
+        options.terrain.acquisition_sigma_m = 1e6;
+        let member = |own| Box::new(mpf::<2>(own, 2, options, &chart, 11)) as Box<dyn Navigator>;
         let tracks = run(mission, Estimators::Each(vec![member(0), member(1)])).unwrap();
         assert_eq!(tracks.unsent, [0, u64::from(silent), 0, 0], "{name}");
         assert_eq!(tracks.sent.len(), if silent { 1 } else { 2 }, "{name}");

@@ -151,17 +151,16 @@ fn late_range<'py>(
         }
     }
     let model = LateArrivals { share: late_share, mean_m: lateness_m, floor_per_m };
-    let mut out = [vec![0.0; n], vec![0.0; n], vec![0.0; n]];
-    let columns = (innovation_m.as_array(), variance_m2.as_array(), gain_m2.as_array());
-    for i in 0..n {
-        let (innovation, variance, gain) = (columns.0[i], columns.1[i], columns.2[i]);
-        if !(variance > 0.0 && variance.is_finite()) {
+    let mut out = [(); 3].map(|()| Vec::with_capacity(n));
+    let (innovations, variances) = (innovation_m.as_array(), variance_m2.as_array());
+    for ((innovation, variance), gain) in innovations.iter().zip(variances).zip(gain_m2.as_array()) {
+        if !(*variance > 0.0 && variance.is_finite()) {
             return Err(argument(format!("variance_m2 is {variance}, outside above 0")));
         }
-        let update = model.likelihood(innovation, variance);
-        out[0][i] = update.log_z;
-        out[1][i] = -gain * update.slope;
-        out[2][i] = gain + gain * gain * update.curvature;
+        let update = model.likelihood(*innovation, *variance);
+        out[0].push(update.log_z);
+        out[1].push(-gain * update.slope);
+        out[2].push(gain + gain * gain * update.curvature);
     }
     Ok(out.map(|column| column.into_pyarray(py)))
 }

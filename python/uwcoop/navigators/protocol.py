@@ -26,7 +26,7 @@ class Context:
     sound_speed_mps: float
     """Sound speed that the team agreed on."""
     seed: int
-    """Seed of the navigator's random streams."""
+    """Seed of the navigator's random streams; packaged navigators take its lowest 64 bits."""
     chart: Chart | None
     """The chart on board."""
     ranging: tuple[bool, ...] = ()

@@ -211,7 +211,7 @@ def build(name: str, context: Context, options: Options, chart: _native.Chart | 
         context.vehicle,
         context.vehicles,
         context.sound_speed_mps,
-        context.seed,
+        context.seed % 2**64,  # the counter-based streams have a key of 64 bits
         list(context.ranging),
         options.stated(),
         chart,

@@ -23,10 +23,10 @@ proptest! {
         prop_assert!(apart.min(std::f64::consts::TAU - apart) < 1e-9);
     }
 
-    /// The expected range is that of the curvature while the spread is small, and never above the root mean square of
-    /// the range.
+    /// The expected range is that of the curvature while the spread is small. The second-order form exceeds the root mean
+    /// square of the range by 6 % at the most, where the spread across is the distance: 1.5 / √2.
     #[test]
-    fn a_range_is_not_expected_longer_than_its_root_mean_square(
+    fn a_range_is_not_expected_much_longer_than_its_root_mean_square(
         de in -50.0..50.0f64, dn in -50.0..50.0f64, a in 0.01..60.0f64, b in 0.01..60.0f64, rho in -0.9..0.9f64,
     ) {
         prop_assume!(de.hypot(dn) > 1e-6);
@@ -34,7 +34,7 @@ proptest! {
         let e = expected([de, dn], p);
         let mean = e.distance_m + 0.5 * e.curvature_m;
         prop_assert!(mean >= e.distance_m);
-        prop_assert!(mean <= (de * de + dn * dn + a * a + b * b).sqrt() + 1e-9);
+        prop_assert!(mean <= 1.5 / 2.0f64.sqrt() * (de * de + dn * dn + a * a + b * b).sqrt() + 1e-9);
         let across = a * a + b * b - along(e.direction, p);
         prop_assert!((e.curvature_m - across / e.distance_m.max(across.sqrt())).abs() < 1e-9 * across);
     }

@@ -67,6 +67,8 @@ struct Scratch {
     lanes: Vec<[f64; crate::kernels::team::LANES]>,
     rows: Vec<f64>,
     innovation: [Vec<f64>; 2],
+    /// For gathering alone, which changes columns with what it gathers: no other use may count on its memory.
+    gathered: Vec<f64>,
     mean: Vec<f64>,
     usable: Vec<(i64, f64, packet_updates::Target)>,
     own: [Vec<f64>; 2],

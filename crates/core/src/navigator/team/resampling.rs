@@ -68,7 +68,7 @@ impl<const K: usize> Team<K> {
         let core = &mut self.terrain.state.core;
         core.cloud.resample(&stream);
         let ancestors = core.cloud.ancestors();
-        let [column, _] = &mut self.scratch.innovation;
+        let column = &mut self.scratch.gathered;
         column.resize(ancestors.len(), 0.0);
         self.state.history.gather(ancestors, column);
         if let Some(current) = &mut self.state.current {
