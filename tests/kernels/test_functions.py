@@ -147,9 +147,9 @@ def test_bad_arguments_name_the_quantity() -> None:
 
 def test_events_are_checked_where_they_are_made() -> None:
     for kind, fields, words in (
-        ("water_depth", {"water_depth_m": float("nan"), "sigma_m": 0.1}, "water depth"),
-        ("water_depth", {"water_depth_m": -3.0, "sigma_m": 0.1}, "water depth, m is -3"),
-        ("depth", {"depth_m": 1.0, "sigma_m": -0.1}, "depth sigma, m is -0.1"),
+        ("water_depth", {"water_depth_m": float("nan"), "sigma_m": 0.1}, "water_depth_m is NaN"),
+        ("water_depth", {"water_depth_m": -3.0, "sigma_m": 0.1}, "water_depth_m is -3"),
+        ("depth", {"depth_m": 1.0, "sigma_m": -0.1}, "sigma_m is -0.1"),
         ("fix", {"e_m": 0, "n_m": 0, "cov_ee_m2": 1, "cov_en_m2": 2, "cov_nn_m2": 1}, "fix covariance"),
         ("motion", {"velocity_e_mps": 1.0}, "velocity_n_mps is missing"),
         ("mofion", {}, "unknown"),

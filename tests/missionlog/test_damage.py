@@ -118,7 +118,7 @@ def test_a_failed_write_leaves_nothing_behind(
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"what was there"]
     with pytest.raises(LogError, match="cannot be written: there is no such folder"):
         write_log(log, tmp_path / "absent" / "log.mcap")
-    with pytest.raises(LogError, match="cannot be written: Is a directory"):
+    with pytest.raises(LogError, match="cannot be written: is a folder, the output must be a file"):
         write_log(log, tmp_path)
 
 

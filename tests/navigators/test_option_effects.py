@@ -107,6 +107,7 @@ CHANGED: dict[str, Any] = {
     "sigma_heading_bias_rad_per_sqrt_s": 0.01,
     "sigma_thrust_bias_mps_per_sqrt_s": 0.02,
     "range_gate_sigmas": 0.3,
+    "consensus_agree": 0.01,
     "range_samples": 7,
     "range_temper": 0.1,
     "entropy_sigma_m": 1.0,

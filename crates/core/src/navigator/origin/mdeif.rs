@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::joint_filter::{JointFilter, PeerUpdate};
 use super::local::estimate;
+use super::mdeif_counts::Counts;
 pub use super::mdeif_options::MdeifOptions;
 use super::range::Range;
 use super::sensors::{LOCAL_SENSORS, check_local_event};
@@ -33,18 +34,6 @@ struct MdeifPeer {
     window: ReceiveWindow,
     replica: Replica,
     received: AckBitmap,
-}
-
-/// How packets were taken.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-struct Counts {
-    begun: u64,
-    exact_joint: u64,
-    equation_6: u64,
-    filtered_error: u64,
-    unknown_origin: u64,
-    unread: u64,
-    unsound: u64,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -17,6 +17,7 @@ pub mod joint_filter;
 pub mod local;
 pub mod local_options;
 pub mod mdeif;
+mod mdeif_counts;
 mod mdeif_options;
 pub mod odometry;
 pub mod range;
