@@ -26,6 +26,7 @@ __all__ = [
     "encode_belief",
     "encode_exchange",
     "encode_graph",
+    "event_bounds",
     "expand_exchange",
     "filtered_error_delta",
     "fit_gaussian_mixture",

@@ -74,4 +74,4 @@ def _true(stage: Stage, log: MissionLog, vehicle: int, axis: int) -> NDArray[np.
         return np.full(len(stage.time_s), np.nan)
     known_s = log.truth["time"].to_numpy()
     values = log.truth["current_mps"].to_numpy()[vehicle, :, axis]
-    return np.interp(stage.time_s, known_s, values, left=np.nan, right=np.nan)
+    return np.asarray(np.interp(stage.time_s, known_s, values, left=np.nan, right=np.nan))
