@@ -14,7 +14,6 @@ import gzip
 import io
 import json
 import random
-import resource
 import sys
 import time
 import traceback
@@ -22,6 +21,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from peak_memory import peak_of_this_process_mb
 from uwcoop.cli import app
 
 EXTREMES = [
@@ -113,7 +113,7 @@ def main(seed: int, count: int, folder: Path) -> dict[str, Any]:
             kept.write_bytes(path.read_bytes())
             told["bad"].append([kind.name, number, code, lines[:5], trace[-1500:]])
         path.write_bytes(content)
-    return told | {"peak_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024}
+    return told | {"peak_mb": peak_of_this_process_mb()}
 
 
 if __name__ == "__main__":

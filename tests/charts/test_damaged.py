@@ -6,7 +6,6 @@ Run as a program, this file reads damaged charts in a process of its own, so tha
 from __future__ import annotations
 
 import gzip
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +14,10 @@ import numpy as np
 import pytest
 
 KINDS = ("tif", "cog", "bag", "s102", "nc4", "nc3", "asc", "csv", "gz", "own-tif", "own-nc")
+
+sys.path.insert(0, str(Path(__file__).parents[1]))  # run as a program, too
+from peak_memory import peak_of_this_process_mb  # noqa: E402
+
 MOST_MB = 500
 R, C = np.mgrid[0:30, 0:40]
 DEPTH = (12 + 3 * np.sin(C / 9) * np.cos(R / 7)).astype("float32")
@@ -101,15 +104,6 @@ def damaged(whole: bytes, rng: np.random.Generator) -> bytes:
         start, size, to = rng.integers(len(content)), rng.integers(1, 400), rng.integers(len(content))
         content[to:to] = content[start : start + size]
     return bytes(content)
-
-
-def peak_of_this_process_mb() -> float:
-    """What this program has used; `getrusage` would also count the process that started it."""
-    status = Path("/proc/self/status")
-    if not status.exists():
-        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM"))
-    return int(line.split()[1]) / 1024
 
 
 def main(kind: str, folder: str, count: int, seed: int) -> None:
