@@ -22,7 +22,7 @@ demo: build                 ## the packaged mission: table, pictures, replay in 
 test: $(UV)                 ## core tests, then the wheel built and installed, then pytest
 	cargo test --locked -q --profile checked -p uwcoop-core
 	$(SYNC) --no-editable
-	.venv/bin/python -m pytest $(PYTEST_ARGS)
+	.venv/bin/python -m pytest -n auto --dist loadfile $(PYTEST_ARGS)
 
 lint: $(UV)
 	$(SYNC)
