@@ -1,5 +1,5 @@
 # The whole vocabulary. Every target does its own set-up on a machine with git, make, Python >= 3.11 and cargo.
-.PHONY: build demo test bench lint lock docs study fuzz clean
+.PHONY: build demo test bench lint lock docs study fuzz wheel clean
 .DEFAULT_GOAL := build
 
 UV := .tools/bin/uv
@@ -61,6 +61,19 @@ fuzz:                       ## hostile packets, events and snapshots for FUZZ_S 
 		UWCOOP_FUZZ_CASES=1000 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_fuzz || exit 1; \
 		UWCOOP_FUZZ_CASES=100 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_contract any_event || exit 1; \
 	done
+
+wheel: $(UV)                ## dist/: a manylinux wheel and the source distribution of HEAD, checked and tried alone
+	rm -rf dist && mkdir -p dist/tree
+	git archive HEAD | tar -x -C dist/tree
+	dist/tree/.ci/absolute-links dist/tree/README.md
+	cd dist/tree && CARGO_TARGET_DIR=../../target $(CURDIR)/$(UV) tool run -q --from 'maturin[zig]>=1.13,<2' \
+		maturin build --release --locked --zig --compatibility manylinux_2_28 --out ..
+	cd dist/tree && $(CURDIR)/$(UV) tool run -q --from 'maturin>=1.13,<2' maturin sdist --out ..
+	rm -rf dist/tree
+	$(UV) tool run -q twine check --strict dist/*.whl dist/*.tar.gz
+	$(UV) venv -q dist/alone && $(UV) pip install -q --python dist/alone/bin/python "$$(ls dist/*.whl)[figures]"
+	dist/alone/bin/uwcoop demo -o dist/uwcoop-demo
+	ls -l dist
 
 clean:
 	rm -rf target .venv dist site uwcoop-demo
