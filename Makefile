@@ -10,13 +10,20 @@ SYNC := .ci/sync $(UV)
 endif
 PYTEST_ARGS ?=
 
+RUST := 1.89
+
 $(UV):
+	@python3 -c 'import sys; sys.exit(sys.version_info < (3, 11) and "uwcoop needs Python 3.11 or newer, python3 is " + sys.version.split()[0])'
+	@have=$$(cargo --version 2>/dev/null | cut -d " " -f 2); test -n "$$have" || { echo "uwcoop needs cargo, the Rust build tool, 1.89 or newer: docs/install.md"; exit 1; }; \
+	 printf '%s\n' $(RUST) "$$have" | sort -V -C || { echo "uwcoop needs Rust $(RUST) or newer, cargo is $$have: docs/install.md"; exit 1; }
 	python3 -m pip install -q --disable-pip-version-check --target .tools uv
 
 build: $(UV)                ## .venv with the package installed in place
+	@test -d target/maturin || echo "compiling the Rust core: about 3 minutes on two cores, once"
 	$(SYNC)
 
 demo: build                 ## the packaged mission: table, pictures, replay in uwcoop-demo/
+	@echo "flying a mission of three vehicles with seven navigators, drawing it and writing its replay: about 20 seconds"
 	.venv/bin/uwcoop demo -o uwcoop-demo
 
 test: $(UV)                 ## core tests, then the wheel built and installed, then pytest
