@@ -153,9 +153,13 @@ def test_every_table_that_is_asked_for_is_made_and_the_other_way_round(hooks: An
     asked = {name for page in pages.PAGES for name in hooks.ASKED.findall(page.read_text(encoding="utf-8"))}
     assert asked == set(hooks.TABLES)
     for name in asked:
-        assert "|" in (made := hooks.on_page_markdown(f"<!-- made from code: {name} -->")) or "```" in made, (
-            name
-        )
+        assert "|" in (made := hooks.filled(f"<!-- made from code: {name} -->")) or "```" in made, name
+
+
+@pytest.mark.parametrize("page", pages.PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_table_of_a_page_is_stale(page: Path, hooks: Any) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert hooks.filled(text) == text, "python docs/hooks.py writes the tables anew"
 
 
 def test_the_scenario_reference_names_every_key(hooks: Any) -> None:
