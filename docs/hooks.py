@@ -1,8 +1,8 @@
 """Tables of the documentation that are made from the code, and a MkDocs hook that renders equations as MathML.
 
-A page asks for a table with a comment on a line of its own, `<!-- made from code: NAME -->`; `TABLES` holds the names. The
-table stands below it in the page, up to `<!-- end of made from code -->`, so that a page reads whole in the repository too. A
-test says when one is stale; this program writes them anew:
+A page asks for a table with a comment on a line of its own, `<!-- made from code: NAME -->`; `TABLES` holds the names.
+The table stands below it in the page, up to `<!-- end of made from code -->`, so that a page reads whole in the
+repository too. A test says when one is stale; this program writes them anew:
 
     python docs/hooks.py
 
@@ -35,7 +35,8 @@ from uwcoop.scenario.keys import (
 
 END = "<!-- end of made from code -->"
 ASKED = re.compile(
-    rf"^<!-- made from code: ([a-z ]+) -->$(?:\n(?:(?!^<!-- made from code: ).)*?^{END}$)?", re.MULTILINE | re.DOTALL
+    rf"^<!-- made from code: ([a-z ]+) -->$(?:\n(?:(?!^<!-- made from code: ).)*?^{END}$)?",
+    re.MULTILINE | re.DOTALL,
 )
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
@@ -43,7 +44,8 @@ EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>'
 def filled(markdown: str) -> str:
     """A page with its tables as the code has them now."""
     return ASKED.sub(
-        lambda asked: f"<!-- made from code: {asked[1]} -->\n\n{TABLES[asked[1]]().strip()}\n\n{END}", markdown
+        lambda asked: f"<!-- made from code: {asked[1]} -->\n\n{TABLES[asked[1]]().strip()}\n\n{END}",
+        markdown,
     )
 
 

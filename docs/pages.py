@@ -1,8 +1,8 @@
-"""The pages of this documentation as stories: their blocks run in order, and what they print is compared or written anew.
+"""The pages of this documentation as stories: their blocks run in order; what they print is compared or written anew.
 
-```` ```toml title="bay.toml" ```` and ```` ```python title="x.py" ```` are written to that file first, ```` ```console ```` holds
-`$ uwcoop ...` commands, each with what it prints; a ```` ```text ```` block right below a ```` ```python ```` block holds what that
-prints. A line `…` stands for lines that are left out. A block is not run when the line before its fence is
+```` ```toml title="bay.toml" ```` and ```` ```python title="x.py" ```` are written to that file first,
+```` ```console ```` holds `$ uwcoop ...` commands, each with what it prints; a ```` ```text ```` block right below a
+```` ```python ```` block holds what that prints. A line `…` stands for lines that are left out. A block is not run when the line before its fence is
 `<!-- no-run: why -->`.
 
     python docs/pages.py [PAGE...]     run the pages (all guides) and write what they print into them
@@ -115,9 +115,7 @@ def _numbers(line: str) -> list[float]:
 
 def _near(shown: list[float], said: list[float]) -> bool:
     """Within a quarter: processors round differently, and a particle filter carries that on."""
-    return all(
-        math.isclose(a, b, rel_tol=0.25, abs_tol=0.12) for a, b in zip(shown, said, strict=True)
-    )
+    return all(math.isclose(a, b, rel_tol=0.25, abs_tol=0.12) for a, b in zip(shown, said, strict=True))
 
 
 def _lines(text: str) -> list[str]:

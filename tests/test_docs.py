@@ -88,7 +88,9 @@ def test_an_untrue_output_is_found() -> None:
     for wrong in (same.replace("0.69", "1.69"), same.replace("RMSE", "Rmse"), same.replace("mpf", "team")):
         assert len(pages.differences(wrong, said)) == 1
     assert pages.differences(same.replace("0.69", "1.69"), said, digits=False) == []
-    assert pages.differences("RMSE run\n ekf 3.00 1.0 0.2\n", said) == [" ekf 3.00 1.0 0.2"], "a line is left out"
+    assert pages.differences("RMSE run\n ekf 3.00 1.0 0.2\n", said) == [" ekf 3.00 1.0 0.2"], (
+        "a line is left out"
+    )
     assert pages.differences(pages.written_anew(same.replace("0.69", "9"), said), said) == []
 
 

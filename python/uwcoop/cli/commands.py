@@ -28,6 +28,7 @@ from uwcoop.cli.terminal import (
     progress,
     say,
     say_written,
+    show,
     terminal,
 )
 
@@ -42,6 +43,24 @@ app = typer.Typer(
     "compare.",
     epilog="Start with [bold]uwcoop demo[/bold]. Errors end in one line and exit code 2.",
 )
+
+
+EXAMPLES = {
+    "demo": "uwcoop demo -o uwcoop-demo",
+    "scenarios": "uwcoop scenarios flat-bay > bay.toml",
+    "keys": "uwcoop keys acoustics.modem",
+    "budget": "uwcoop budget flat-bay --navigator team,mpf",
+    "chart": "uwcoop chart soundings.csv --columns lon,lat,depth --picture chart.png",
+    "simulate": "uwcoop simulate poor-bay --seed 3 -o mission.mcap",
+    "run": "uwcoop run flat-bay --navigator mpf,team -o out",
+    "study": "uwcoop study flat-bay --runs 50 --navigator mpf,team --vary acoustics.loss.probability=0.0,0.4 -o loss",
+    "view": "uwcoop view out",
+}
+"""One for each command, at the end of its help."""
+
+
+def _example(name: str) -> str:
+    return f"Example: [bold]{EXAMPLES[name]}[/bold]"
 
 
 def _print_version(wanted: bool) -> None:
@@ -61,7 +80,7 @@ def _options(
     pass
 
 
-@app.command()
+@app.command(epilog=_example("demo"))
 def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")
@@ -77,14 +96,11 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-for _command in (scenarios, keys, budget):
-    app.command()(_command)
+for _command in (scenarios, keys, budget, chart_command):
+    app.command(epilog=_example(_command.__name__))(_command)
 
 
-app.command()(chart_command)
-
-
-@app.command()
+@app.command(epilog=_example("simulate"))
 def simulate(
     scenario: ScenarioArgument,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MISSION.mcap", help="The log to write.")],
@@ -110,7 +126,7 @@ def simulate(
     )
 
 
-@app.command()
+@app.command(epilog=_example("run"))
 def run(
     mission: Annotated[
         str,
@@ -170,7 +186,7 @@ def run(
         typer.echo(summary_text(result.summary))
 
 
-@app.command()
+@app.command(epilog=_example("study"))
 def study(
     scenario: ScenarioArgument,
     runs: Annotated[
@@ -235,7 +251,7 @@ def study(
         vehicles=result.vehicles,
         not_realisable=not_realisable(flown),
     )
-    terminal(err=as_json).print(table)
+    show(table, terminal(err=as_json))
     if output is not None:
         files = ["summary.json", "runs.csv", "study.json"]
         if figures:
@@ -246,12 +262,12 @@ def study(
         typer.echo(summary_text(result.summary))
 
 
-@app.command()
+@app.command(epilog=_example("view"))
 def view(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `run -o` or `demo` wrote.")],
     web: Annotated[bool, typer.Option("--web", help="In the browser instead of a window.")] = False,
 ) -> None:
     """Open a folder's replay in the Rerun viewer, which listens on this machine only."""
-    from uwcoop.viewer import view as show
+    from uwcoop.viewer import view as open_viewer
 
-    show(folder, web=web)
+    open_viewer(folder, web=web)
