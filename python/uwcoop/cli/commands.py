@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -31,6 +32,12 @@ from uwcoop.cli.terminal import (
     show,
     terminal,
 )
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+    from uwcoop.experiment.study import StudyResult
+    from uwcoop.scenario.named_worlds import World
 
 app = typer.Typer(
     cls=OneLineErrors,
@@ -209,6 +216,14 @@ def study(
     processes: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="At most so many at a time; else all cores.")
     ] = None,
+    worlds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="faults|FILE",
+            help="Fly each variant in every world of a list: the packaged faults (clocks, sound speed, multipath, "
+            "losses, wrong beliefs), or a TOML file of your own.",
+        ),
+    ] = None,
     figures: FiguresOption = False,
 ) -> None:
     """Run many missions, the same for every navigator and variant: accuracy and consistency over all of them."""
@@ -218,15 +233,15 @@ def study(
     from uwcoop.evaluation.metrics import summary_text
     from uwcoop.experiment.mission import load_scenario
     from uwcoop.experiment.study import study as compare
-    from uwcoop.navigators import not_realisable
-    from uwcoop.report.result_tables import study_table
     from uwcoop.report.run_folder import write_study_figures
     from uwcoop.scenario import alternatives
+    from uwcoop.scenario.named_worlds import worlds_of
     from uwcoop.world.simulate import setup_notes
 
     needs_folder(resume, output, "--resume")
     needs_folder(figures, output, "--figures")
     varied = [alternatives(text) for text in vary or ()]
+    listed = worlds_of(worlds) if worlds is not None else []
     with suppress(ScenarioError):  # a variant may mend it; what is wrong in all of them the study says
         for note in setup_notes(load_scenario(scenario, None, settings or ())):
             say(f"note: {note}")
@@ -242,16 +257,10 @@ def study(
             overrides=settings or (),
             first_seed=first_seed,
             keep_errors=figures,
+            worlds=listed,
             progress=lambda done, total: step("missions flown", done, total),
         )
-    flown = [name for variant in result.summary["variants"] for name in variant["navigators"]]
-    table = study_table(
-        result.summary,
-        settle_s=result.settle_s,
-        vehicles=result.vehicles,
-        not_realisable=not_realisable(flown),
-    )
-    show(table, terminal(err=as_json))
+    show(_study_tables(result, listed), terminal(err=as_json))
     if output is not None:
         files = ["summary.json", "runs.csv", "study.json"]
         if figures:
@@ -260,6 +269,23 @@ def study(
         say_written(files, output)
     if as_json:
         typer.echo(summary_text(result.summary))
+
+
+def _study_tables(result: StudyResult, worlds: Sequence[World]) -> Group:
+    """A study's tables: one for each variant, or one over all worlds."""
+    from uwcoop.navigators import not_realisable
+    from uwcoop.report.result_tables import study_table
+    from uwcoop.report.world_table import world_tables
+
+    if worlds:
+        return world_tables(result.summary, worlds, settle_s=result.settle_s)
+    flown = [name for variant in result.summary["variants"] for name in variant["navigators"]]
+    return study_table(
+        result.summary,
+        settle_s=result.settle_s,
+        vehicles=result.vehicles,
+        not_realisable=not_realisable(flown),
+    )
 
 
 @app.command(epilog=_example("view"))
