@@ -36,8 +36,8 @@ from uwcoop.cli.terminal import (
 if TYPE_CHECKING:
     from rich.console import Group
 
+    from uwcoop.experiment.named_worlds import World
     from uwcoop.experiment.study import StudyResult
-    from uwcoop.scenario.named_worlds import World
 
 app = typer.Typer(
     cls=OneLineErrors,
@@ -232,10 +232,10 @@ def study(
     from uwcoop.errors import ScenarioError
     from uwcoop.evaluation.metrics import summary_text
     from uwcoop.experiment.mission import load_scenario
+    from uwcoop.experiment.named_worlds import worlds_of
     from uwcoop.experiment.study import study as compare
     from uwcoop.report.run_folder import write_study_figures
     from uwcoop.scenario import alternatives
-    from uwcoop.scenario.named_worlds import worlds_of
     from uwcoop.world.simulate import setup_notes
 
     needs_folder(resume, output, "--resume")

@@ -21,6 +21,7 @@ from uwcoop.evaluation.error_series import (
     write_error_series,
 )
 from uwcoop.evaluation.metrics import summary_text
+from uwcoop.experiment.named_worlds import worlds_of
 from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore
 from uwcoop.experiment.study_variants import (
     WORLD,
@@ -35,14 +36,13 @@ from uwcoop.experiment.study_workers import FlownSeed, flights
 from uwcoop.navigators import Custom
 from uwcoop.report.atomic_files import check_folder, lock_folder
 from uwcoop.report.interruption import deferred
-from uwcoop.scenario.named_worlds import worlds_of
 from uwcoop.scenario.secrets import holds_secret, redact, sets_secret
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from uwcoop.experiment.named_worlds import World
     from uwcoop.scenario.models import Scenario
-    from uwcoop.scenario.named_worlds import World
 
 __all__ = ["StudyResult", "study"]
 

@@ -17,8 +17,8 @@ from uwcoop.navigators import Custom, options_of
 from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
+    from uwcoop.experiment.named_worlds import World
     from uwcoop.scenario.models import Scenario
-    from uwcoop.scenario.named_worlds import World
 
 __all__ = ["WORLD", "Variant", "digest", "fit_everywhere", "label_of", "name_of", "variants_of"]
 

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from uwcoop.scenario.named_worlds import World
+    from uwcoop.experiment.named_worlds import World
 
 __all__ = ["ALONE", "cell", "world_tables", "worse_than_alone"]
 

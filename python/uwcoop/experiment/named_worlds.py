@@ -18,7 +18,7 @@ from uwcoop.scenario.validation_message import one_line
 
 __all__ = ["World", "packaged_worlds", "worlds_of"]
 
-_PACKAGE = files("uwcoop.scenario") / "packaged_worlds"
+_PACKAGE = files("uwcoop.experiment") / "packaged_worlds"
 _LIMIT_BYTES = 2**20
 
 
