@@ -129,12 +129,12 @@ def study(
         seeds = range(first_seed, first_seed + runs)
         kept = _kept_before(store, keys, folder) if keep_errors and folder is not None else {}
         pending = _pending(store, variants, chosen, seeds)
-        worlds = [variant.scenario for variant in variants]
+        flown_in = [variant.scenario for variant in variants]
         done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
         if progress:
             progress(done, total)
         try:
-            for seed, flown in flights(pending, worlds, chosen, processes, keep_errors):
+            for seed, flown in flights(pending, flown_in, chosen, processes, keep_errors):
                 store.add(_labelled(flown, variants, seed, first_seed))
                 kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
                 done += len(flown)
