@@ -155,6 +155,8 @@ class TerrainOptions(FilterOptions, method="mpf"):
     """Least distance between the soundings that are used."""
     least_ess_share: float = FROM_CORE
     """A sounding that would leave a smaller effective share of the particles has its sigma doubled, six times at most."""
+    depth_noise_factor_max: float | None = FROM_CORE
+    """Soundings are taken for noisier than stated where they show it, by this factor at most; None: as stated."""
     acquisition_sigma_m: float = FROM_CORE
     """A start known to less than this (sigma along the longer axis) is searched for with many particles, and so is a
     position whose sigma grew to more than twice as much, and beyond what its particles can hold."""

@@ -107,6 +107,7 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
             sigma_map_m: None,
             sounding_spacing_m: 0.0,
             least_ess_share: 0.02,
+            depth_noise_factor_max: Some(4.0),
             acquisition_sigma_m: 20.0,
             acquisition_particles: 20_000,
             start_anywhere: false,

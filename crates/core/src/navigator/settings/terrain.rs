@@ -35,6 +35,8 @@ pub struct TerrainSettings {
     pub sounding_spacing_m: f64,
     /// A sounding that would leave a smaller effective share of the particles has its sigma doubled, six times at most.
     pub least_ess_share: f64,
+    /// Soundings are taken for noisier than stated where they show it, by this factor at most; `None`: as stated.
+    pub depth_noise_factor_max: Option<f64>,
     /// A start known to less than this, along the longer axis, is searched for; so is a cloud that grew to more than twice
     /// as much, and beyond what its particles can hold, m.
     pub acquisition_sigma_m: f64,
@@ -88,6 +90,7 @@ impl Default for TerrainSettings {
             sigma_map_m: None,
             sounding_spacing_m: 0.0,
             least_ess_share: 0.02,
+            depth_noise_factor_max: Some(4.0),
             acquisition_sigma_m: 20.0,
             acquisition_particles: 20_000,
             start_anywhere: false,
@@ -120,6 +123,7 @@ impl TerrainSettings {
             ("sigma_map_m", Bound::NON_NEGATIVE),
             ("sounding_spacing_m", Bound::NON_NEGATIVE),
             ("least_ess_share", Bound::between(0.0, 0.5, "0 to 0.5")),
+            ("depth_noise_factor_max", Bound::between(1.0, 6.0, "1 to 6")),
             ("acquisition_sigma_m", Bound::POSITIVE),
             ("acquisition_particles", Bound::between(10.0, 1e7, "10 to 10,000,000")),
             ("monitor_forgetting", Bound::SHARE),
@@ -160,6 +164,7 @@ impl TerrainSettings {
             sigma_map_m: self.sigma_map_m,
             sounding_spacing_m: self.sounding_spacing_m,
             least_ess_share: self.least_ess_share,
+            depth_noise_factor_max: self.depth_noise_factor_max,
             acquisition_sigma_m: self.acquisition_sigma_m,
             acquisition_particles: self.acquisition_particles,
             start_anywhere: self.start_anywhere,

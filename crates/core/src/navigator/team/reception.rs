@@ -169,7 +169,13 @@ impl<const K: usize> Team<K> {
             tol_ns,
             drift: &drift,
             offset_walk_m2: self.options.terrain.sigma_offset_m_per_sounding.powi(2),
-            sounding_m2: self.options.terrain.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
+            // Teammates are taken to carry a sounder like the own one.
+            sounding_m2: self
+                .options
+                .terrain
+                .sigma_depth_m
+                .or(self.state.sigma_sounding_m)
+                .map(|s| (s * self.terrain.noise_factor()).powi(2)),
             correlation_m: self.options.terrain.correlation_length_m.unwrap_or(correlation),
             range_m2: self.options.sigma_range_m.powi(2),
             clock_m2_per_s: self.options.clock.walk_m2_per_s(),

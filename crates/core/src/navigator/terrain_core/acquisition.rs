@@ -41,7 +41,10 @@ const MOST_EVIDENCE: f64 = 5.0;
 const ELSEWHERE_AT_HAND_OVER: f64 = 1e-3;
 const NEAR_M: f64 = 1.0;
 /// … for so many soundings in a row.
-const SOUNDINGS_AT_HAND_OVER: u32 = 20;
+const SOUNDINGS_AT_HAND_OVER: u32 = 60;
+/// A seabed that goes on from the last sounding may change by so many times the variance that is usual in the region: what is
+/// known from the chart must explain a sounding better than what is known without, and does so by chance nowhere for long.
+const UNUSUAL: f64 = 4.0;
 /// Soundings that share an error when a vehicle hardly moves: enough to make one count for nothing.
 const MOST_SHARED: f64 = 1e6;
 
@@ -153,9 +156,11 @@ impl<const K: usize> Acquisition<K> {
         // Beside the truth, the misfit of one sounding is that of the next: they count as one.
         let same = (2.0 * MISFIT_LENGTH_M.max(kernel_m) / apart_m.max(1e-9)).clamp(model.shared, MOST_SHARED);
         model.shared = (model.shared * noise_m2 + same * around.varies_m2) / (noise_m2 + around.varies_m2);
-        let (typical, uncharted) =
+        let (typical, goes_on) =
             self.without_chart(sounding, noise_m2, around.varies_m2, model.sigma_m, options);
-        let (typical, uncharted) = (typical / model.shared, uncharted / model.shared);
+        let (typical, goes_on) = (typical / model.shared, goes_on / model.shared);
+        // After a start, particles off the chart must not outlive those that have one.
+        let uncharted = if self.on_chart { typical } else { goes_on };
         self.last_m = Some(water_depth_m);
         let walk_m2 = options.sigma_offset_m_per_sounding.powi(2);
         let mut column = self.cloud.likelihood_column();
@@ -163,7 +168,7 @@ impl<const K: usize> Acquisition<K> {
             scratch.weigh(&model, &self.cloud, water_depth_m, walk_m2, &mut column);
             column.iter_mut().filter(|l| l.is_nan()).for_each(|l| *l = uncharted);
             if attempt == 0 {
-                self.doubt(typical - self.log_evidence(&column));
+                self.doubt(goes_on - self.log_evidence(&column));
             }
             if self.cloud.ess_after(&column) >= options.least_ess_share * self.cloud.len() as f64 {
                 break;
@@ -179,9 +184,9 @@ impl<const K: usize> Acquisition<K> {
     }
 
     /// Log-likelihoods of a sounding without a chart: of a depth that is typical of the region, and of a seabed that goes on
-    /// from the last sounding with a slope that is typical. The second is what particles over holes explain, if the vehicle
-    /// may have left its chart: they must not lose to charted places that fit by chance, where a smooth seabed is hard to
-    /// tell from another, nor win for not being widened as those are. After a start they must not outlive the particles that have a chart, and are typical at best.
+    /// from the last sounding with a slope that is, widened as the particles' is. The second is what a vehicle explains
+    /// that is at none of the particles, or over a hole: places on the chart that fit by chance must not win against
+    /// it where a smooth seabed is hard to tell from another.
     fn without_chart(
         &self,
         (water_depth_m, apart_m): (f64, f64),
@@ -194,12 +199,11 @@ impl<const K: usize> Acquisition<K> {
         let seabed = &self.seabed;
         let typical_m2 = seabed.relief_m2 + noise_m2 + options.sigma_offset0_m.powi(2);
         let typical = density(water_depth_m - seabed.mean_m, typical_m2);
-        let Some(last_m) = self.last_m.filter(|_| apart_m.is_finite() && !self.on_chart) else {
+        let Some(last_m) = self.last_m.filter(|_| apart_m.is_finite()) else {
             return (typical, typical);
         };
-        let goes_on_m2 = varies_m2
-            + 2.0 * sigma_m * sigma_m
-            + (seabed.slope2 * apart_m * apart_m).min(2.0 * seabed.relief_m2);
+        let changes_m2 = (seabed.slope2 * apart_m * apart_m).min(2.0 * seabed.relief_m2);
+        let goes_on_m2 = varies_m2 + noise_m2 + UNUSUAL * (sigma_m * sigma_m + changes_m2);
         (typical, density(water_depth_m - last_m, goes_on_m2))
     }
 

@@ -5,6 +5,7 @@
 mod acquiring;
 mod acquisition;
 mod monitor;
+mod noise_factor;
 mod options;
 mod search_region;
 mod sounding;
@@ -23,6 +24,7 @@ use crate::event::{Event, Payload, VehicleId};
 use crate::kernels::weights::{weighted_covariance, weighted_mean};
 use crate::random::{Purpose, Streams};
 use acquisition::Acquisition;
+use noise_factor::NoiseFactor;
 use search_region::SearchRegion;
 use sounding::SoundingScratch;
 
@@ -47,6 +49,7 @@ pub struct TerrainState<const K: usize> {
     health: f64,
     alarms: u64,
     last_alarm_ns: Option<i64>,
+    noise: NoiseFactor,
     /// The search for the position, while it is known too little.
     acquisition: Option<Box<Acquisition<K>>>,
     /// Where the vehicle may be by its wide start and dead reckoning; none for one that never was acquired.
@@ -76,6 +79,7 @@ impl<const K: usize> TerrainCore<K> {
                 health: 1.0,
                 alarms: 0,
                 last_alarm_ns: None,
+                noise: NoiseFactor::default(),
                 acquisition: None,
                 region: None,
             },
@@ -107,6 +111,7 @@ impl<const K: usize> TerrainCore<K> {
         columns.push(("datum_offset_m", mean_m));
         columns.push(("sigma_datum_offset_m", variance_m2.sqrt()));
         columns.push(("alarms", self.state.alarms as f64));
+        columns.push(("depth_noise_factor", self.noise_factor()));
         columns
     }
 
@@ -168,6 +173,7 @@ impl<const K: usize> TerrainCore<K> {
         mine.sounded_at_m = theirs.sounded_at_m;
         mine.health = theirs.health;
         mine.last_alarm_ns = theirs.last_alarm_ns;
+        mine.noise.clone_from(&theirs.noise);
         mine.acquisition.clone_from(&theirs.acquisition);
         mine.region.clone_from(&theirs.region);
     }

@@ -16,6 +16,7 @@ impl<const K: usize> TerrainCore<K> {
         if state.health <= monitor.alarm || since_s < monitor.quiet_s {
             return false;
         }
+        state.noise.forget_last();
         if let Some(region) = state.region.clone() {
             state.health = 1.0;
             state.alarms += 1;

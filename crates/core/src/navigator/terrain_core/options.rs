@@ -49,6 +49,8 @@ pub struct TerrainOptions {
     pub sounding_spacing_m: f64,
     /// Share of the particles that a sounding must leave as effective sample size; 0 never softens one.
     pub least_ess_share: f64,
+    /// Soundings may be taken for so many times noisier than their sensor states, by what they show; `None`: never.
+    pub depth_noise_factor_max: Option<f64>,
     /// Health monitor.
     pub monitor: Option<MonitorOptions>,
     /// A start known to less than this, along the longer axis, is searched for; so is a cloud that grew to more than twice
@@ -82,6 +84,7 @@ impl TerrainOptions {
             ("sigma_depth_m", self.sigma_depth_m),
             ("correlation_length_m", self.correlation_length_m),
             ("sigma_map_m", self.sigma_map_m),
+            ("depth_noise_factor_max", self.depth_noise_factor_max),
             // Infinite for a Gaussian.
             ("student_dof", Some(self.student_dof).filter(|dof| *dof != f64::INFINITY)),
         ];

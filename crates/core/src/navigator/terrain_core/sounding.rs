@@ -27,7 +27,16 @@ pub(super) struct SoundingScratch {
     around: Vec<f64>,
 }
 
-/// What the chart is under the particles and around them, in the mean over them.
+/// How a sounding fits the cloud before the cloud takes it up.
+pub(super) struct SoundingFit {
+    /// Mean innovation, m, and its variance, m².
+    pub innovation_m: f64,
+    pub variance_m2: f64,
+    /// Its square over its variance; 0 where no particle has a chart.
+    pub statistic: f64,
+}
+
+/// What the chart is under the particles and around them, in the mean over those that have one.
 pub(super) struct Around {
     /// Variance of the chart's error, m².
     pub map_m2: f64,
@@ -77,6 +86,8 @@ impl<const K: usize> TerrainCore<K> {
             self.state.sounded_at_m = Some(travelled_m);
             return (self.acquire_sounding(model, apart_m.unwrap_or(f64::INFINITY), water_depth_m), None);
         }
+        let stated_m = model.sigma_m;
+        model.sigma_m *= self.noise_factor();
         let core = &mut self.state.core;
         let Some(chart) = &self.chart else { return (Outcome::Noted, None) };
         let scratch = &mut self.scratch;
@@ -84,11 +95,11 @@ impl<const K: usize> TerrainCore<K> {
         scratch.sigma_map(self.options.sigma_map_m, chart, &core.cloud.east, &core.cloud.north);
         let q = self.options.sigma_offset_m_per_sounding.powi(2);
         let mut column = core.cloud.likelihood_column();
-        let mut health = None;
+        let mut fit = None;
         for _ in 0..=SOFTENINGS {
             scratch.weigh(&model, &core.cloud, water_depth_m, q, &mut column);
-            // Health is judged by the noise that the sensor states, before anything is softened.
-            health.get_or_insert_with(|| scratch.health(&column, core.cloud.weights()));
+            // The fit is judged before anything is softened.
+            fit.get_or_insert_with(|| scratch.fit(&column, core.cloud.weights()));
             if !core.fill_holes(&mut column) {
                 core.cloud.put_back(column);
                 core.rejected += 1;
@@ -102,7 +113,10 @@ impl<const K: usize> TerrainCore<K> {
         self.state.sounded_at_m = Some(travelled_m);
         self.scratch.correct(&mut core.cloud);
         self.scratch.evidence_nat = core.cloud.reweight_evidence(column);
-        (Outcome::Fused, health)
+        if let (Some(fit), Some(most)) = (&fit, self.options.depth_noise_factor_max) {
+            self.state.noise.learn(fit, stated_m, most);
+        }
+        (Outcome::Fused, fit.map(|fit| fit.statistic))
     }
 }
 
@@ -148,7 +162,7 @@ impl SoundingScratch {
         self.sigma_map(fixed_m, chart, east, north);
         let weights = cloud.weights();
         let map_m2 = self.sigma_map.iter().zip(weights).map(|(s, w)| w * s * s).sum();
-        let mut varies_m2 = 0.0;
+        let (mut varies_m2, mut charted) = (0.0, 0.0);
         for (i, weight) in weights.iter().enumerate().take(n) {
             let (mut squares, mut known) = (0.0, 0.0);
             for k in 1..5 {
@@ -158,10 +172,14 @@ impl SoundingScratch {
                     known += 1.0;
                 }
             }
-            let rho = if known > 0.0 { 2.0 * squares / known } else { 0.0 };
-            varies_m2 += weight * rho;
-            self.sigma_map[i] = (self.sigma_map[i].powi(2) + rho).sqrt();
+            if known > 0.0 {
+                let varies = 2.0 * squares / known;
+                varies_m2 += weight * varies;
+                charted += weight;
+                self.sigma_map[i] = (self.sigma_map[i].powi(2) + varies).sqrt();
+            }
         }
+        let varies_m2 = if charted > 0.0 { varies_m2 / charted } else { 0.0 };
         Around { map_m2, varies_m2 }
     }
 
@@ -200,15 +218,20 @@ impl SoundingScratch {
         }
     }
 
-    /// ν̄² / (S + Var_w(h + b)) over the particles that have a chart.
-    fn health(&self, log_likelihood: &[f64], weights: &[f64]) -> f64 {
+    /// The innovation in the mean over the particles that have a chart, and its variance S + Var_w(h + b).
+    fn fit(&self, log_likelihood: &[f64], weights: &[f64]) -> SoundingFit {
         let (_, share) = known_share(log_likelihood, weights);
         // Innovation and its variance are zero for the others.
         let mean = weighted_mean(weights, &self.innovation) / share;
         let square = weighted_covariance(weights, &self.innovation, 0.0, &self.innovation, 0.0) / share;
         let spread = (square - mean * mean).max(0.0);
-        let statistic = mean * mean / (weighted_mean(weights, &self.innovation_variance) / share + spread);
-        if statistic.is_finite() { statistic } else { 0.0 }
+        let variance_m2 = weighted_mean(weights, &self.innovation_variance) / share + spread;
+        let statistic = mean * mean / variance_m2;
+        SoundingFit {
+            innovation_m: mean,
+            variance_m2,
+            statistic: if statistic.is_finite() { statistic } else { 0.0 },
+        }
     }
 
     fn resize(&mut self, n: usize) {
