@@ -119,6 +119,7 @@ def show(shown: Any, console: Console) -> None:
 def print_run(result: RunResult, console: Console) -> None:
     """The table of a run, and below it what each navigator has no use for."""
     from uwcoop.navigators import not_realisable
+    from uwcoop.report.misfit_lines import misfit_lines
     from uwcoop.report.result_tables import summary_table, unused_lines
 
     summary = result.summary
@@ -127,7 +128,7 @@ def print_run(result: RunResult, console: Console) -> None:
         summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked),
         console,
     )
-    for line in unused_lines(summary):
+    for line in (*unused_lines(summary), *misfit_lines(result)):
         console.print(line)
 
 
