@@ -14,17 +14,27 @@ use super::sounding::SoundingFit;
 const FACTORS: [f64; 6] = [1.0, 1.5, 2.0, 3.0, 4.0, 6.0];
 /// Soundings after which what was learned counts 1/e.
 const MEMORY: f64 = 60.0;
+/// Log-weight of each factor above 1 before anything is known: a sensor is believed at first, nat.
+const DOUBT_NAT: f64 = -3.0;
 /// One difference says no more against a factor than this, nat.
 const MOST_NAT: f64 = 8.0;
 
 /// What was learned of a sounder's noise.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct NoiseFactor {
     /// Log-weights of the factors, the largest 0.
     log_weights: [f64; FACTORS.len()],
     /// The last innovation and the variance of all but the sensor's noise, m and m².
     last: Option<(f64, f64)>,
     learned: bool,
+}
+
+impl Default for NoiseFactor {
+    fn default() -> Self {
+        let mut log_weights = [DOUBT_NAT; FACTORS.len()];
+        log_weights[0] = 0.0;
+        Self { log_weights, last: None, learned: false }
+    }
 }
 
 impl NoiseFactor {
