@@ -50,7 +50,9 @@ def test_links_that_lead_elsewhere_stay(absolute_links: ModuleType) -> None:
 
 
 def test_one_version_everywhere() -> None:
-    cargo = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]["package"]["version"]
+    cargo = tomllib.loads((ROOT / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]["package"][
+        "version"
+    ]
     cited = re.search(r"^version: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE)
     assert cited is not None
     assert uwcoop.__version__ == cargo == cited[1]

@@ -236,9 +236,15 @@ def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
     paths = [chart.source] if chart is not None and chart.synthetic is None else []
     paths += [vehicle.track.file for vehicle in scenario.team if vehicle.track is not None]
     # A file that is missing is refused, with a better message, by who reads it.
-    files = [hashlib.sha256(Path(p).read_bytes()).hexdigest() for p in paths if Path(p).is_file()]
+    files = [_file_digest(Path(p)) for p in paths if Path(p).is_file()]
     content = json.dumps([setup.tables(), options, files], sort_keys=True)
     return hashlib.sha256(content.encode()).hexdigest()
+
+
+def _file_digest(path: Path) -> str:
+    """SHA-256 of a file, read a piece at a time: charts may be larger than the memory."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _pending(
