@@ -74,7 +74,6 @@ hostile: $(UV)              ## packets by the ten million, forgeries, a day, mut
 	UWCOOP_PACKETS=$(PACKETS) cargo test --locked -q --profile checked -p uwcoop-core --test navigator_hostile -- --ignored --nocapture ten_million
 	UWCOOP_PACKETS=$$(( $(PACKETS) / 10 )) cargo test --locked -q --profile checked -p uwcoop-core --test navigator_hostile -- --ignored --nocapture a_million
 	cargo test --locked -q --profile checked -p uwcoop-core --test navigator_authenticated -- --ignored
-	cargo test --locked -q --profile checked -p uwcoop-core --test navigator_day -- --ignored --nocapture
 	$(SYNC)
 	.venv/bin/python -m pytest -m long tests/importers/test_mutated_files.py tests/charts/test_damaged.py tests/cli/test_killed.py
 

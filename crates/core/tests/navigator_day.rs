@@ -136,7 +136,9 @@ fn fly(entry: &Entry, from_s: i64, end_s: i64) -> (i64, i64, usize) {
     (early, HELD.with(Cell::get) - start, used)
 }
 
-fn memory_is_flat(from_s: i64, end_s: i64) {
+#[test]
+fn memory_is_flat_over_a_day() {
+    let (from_s, end_s) = (2 * 3600, 24 * 3600);
     let mut used = 0;
     for entry in registry() {
         let (early, late, packets) = fly(&entry, from_s, end_s);
@@ -144,16 +146,5 @@ fn memory_is_flat(from_s: i64, end_s: i64) {
         assert!(late <= early + early / 20 + 4096, "{} grew from {early} to {late} bytes", entry.name);
         used += packets;
     }
-    assert!(used > 100, "packets are exchanged");
-}
-
-#[test]
-fn memory_is_flat_over_three_hours() {
-    memory_is_flat(3600, 3 * 3600);
-}
-
-#[test]
-#[ignore = "24 hours of all navigators take minutes: make hostile"]
-fn memory_is_flat_over_a_day() {
-    memory_is_flat(2 * 3600, 24 * 3600);
+    assert!(used > 1000, "packets are exchanged");
 }

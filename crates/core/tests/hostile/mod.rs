@@ -28,9 +28,10 @@ impl Target {
         if self.has_crc { append_crc(payload, 1 - self.own, self.times[0]) } else { payload }
     }
 
-    /// Four bits that name the kind of packet, and whether a CRC-16 ends it.
+    /// Four bits that name the kind of packet, and whether it is a role exchange, whose first bits name another thing.
     pub fn kind(&self) -> (u8, bool) {
-        (self.payload[0] >> 4, self.has_crc)
+        let exchange = self.name.starts_with("landmark");
+        (if exchange { 0 } else { self.payload[0] >> 4 }, exchange)
     }
 
     /// Hands a packet over.
