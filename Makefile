@@ -1,5 +1,5 @@
 # The whole vocabulary. Every target does its own set-up on a machine with git, make, Python >= 3.11 and cargo.
-.PHONY: build demo test bench lint lock docs study fuzz wheel clean
+.PHONY: build demo test bench lint lock docs study fuzz hostile sanitize miri wheel clean
 .DEFAULT_GOAL := build
 
 UV := .tools/bin/uv
@@ -68,6 +68,24 @@ fuzz:                       ## hostile packets, events and snapshots for FUZZ_S 
 		UWCOOP_FUZZ_CASES=1000 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_fuzz || exit 1; \
 		UWCOOP_FUZZ_CASES=100 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_contract any_event || exit 1; \
 	done
+
+PACKETS ?= 10000000
+hostile: $(UV)              ## packets by the ten million, forgeries, a day, mutated files, kills, overflow checks on: an hour or two on two cores
+	UWCOOP_PACKETS=$(PACKETS) cargo test --locked -q --profile checked -p uwcoop-core --test navigator_hostile -- --ignored --nocapture ten_million
+	UWCOOP_PACKETS=$$(( $(PACKETS) / 10 )) cargo test --locked -q --profile checked -p uwcoop-core --test navigator_hostile -- --ignored --nocapture a_million
+	cargo test --locked -q --profile checked -p uwcoop-core --test navigator_authenticated -- --ignored
+	$(SYNC)
+	.venv/bin/python -m pytest -m long tests/importers/test_mutated_files.py tests/charts/test_damaged.py tests/cli/test_killed.py
+
+SANITIZED := --target x86_64-unknown-linux-gnu --target-dir target/sanitized -p uwcoop-core
+sanitize:                   ## the kernels and hostile packets under AddressSanitizer (a nightly toolchain)
+	@rustc +nightly --version >/dev/null 2>&1 || { echo "make sanitize needs a nightly toolchain: rustup toolchain install nightly"; exit 1; }
+	RUSTFLAGS="-Zsanitizer=address" cargo +nightly test --locked -q --profile checked $(SANITIZED) --lib kernels
+	RUSTFLAGS="-Zsanitizer=address" cargo +nightly test --locked -q --profile checked $(SANITIZED) --test navigator_hostile
+
+miri:                       ## the kernels' scalar baseline under Miri (a nightly toolchain with miri and rust-src)
+	@cargo +nightly miri --version >/dev/null 2>&1 || { echo "make miri needs Miri: rustup toolchain install nightly --component miri,rust-src"; exit 1; }
+	MIRIFLAGS=-Zmiri-disable-isolation cargo +nightly miri test --locked -p uwcoop-core --lib kernels::lookup kernels::pattern
 
 wheel: $(UV)                ## dist/: a manylinux wheel and the source distribution of HEAD, checked and tried alone
 	rm -rf dist && mkdir -p dist/tree

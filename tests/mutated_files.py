@@ -4,7 +4,7 @@
 
 FOLDER holds one folder for each kind of file: `argument` says how the command gets it, the other files are mutated, one
 at a time. The parent sets the bounds; this process only measures: peak memory, the slowest file, and every file that
-did not end in exit code 0, or 2 with one line.
+did not end in exit code 0, or 2 with one line. Before that, each kind is read unharmed.
 """
 
 from __future__ import annotations
@@ -97,7 +97,17 @@ def kinds(folder: Path) -> Iterator[tuple[list[str], Path, list[tuple[Path, byte
 def main(seed: int, count: int, folder: Path) -> dict[str, Any]:
     rng = random.Random(seed)
     every = list(kinds(folder))
-    told: dict[str, Any] = {"refused": 0, "read": 0, "slowest_s": 0.0, "bad": [], "slowest": ""}
+    told: dict[str, Any] = {
+        "refused": 0,
+        "read": 0,
+        "slowest_s": 0.0,
+        "bad": [],
+        "slowest": "",
+        "unharmed": {},
+    }
+    for arguments, kind, _ in every:
+        code, lines, trace = outcome(arguments)
+        told["unharmed"][kind.name] = [code, *lines, trace][: 1 if code == 0 else 5]
     for number in range(count):
         arguments, kind, files = every[number % len(every)]
         path, content = rng.choice(files)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import shutil
 import signal
 import subprocess
 import sys
@@ -96,18 +97,19 @@ def killed_after(seconds: float, number: signal.Signals, *arguments: object) -> 
 
 
 @pytest.fixture(scope="module")
-def run_seconds(tmp_path_factory: pytest.TempPathFactory) -> float:
-    """How long a run takes on this machine now, so that random moments fall into it."""
+def old_run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, float]:
+    """A run of seed 1, and how long it takes on this machine now, so that random moments fall into it."""
     start = time.perf_counter()
-    ended = finished(*run_arguments(1, tmp_path_factory.mktemp("time") / "out"))
+    out = tmp_path_factory.mktemp("old") / "out"
+    ended = finished(*run_arguments(1, out))
     assert ended.returncode == 0, ended.stderr
-    return time.perf_counter() - start
+    return out, time.perf_counter() - start
 
 
-def check_run(moments: int, seconds: float, folder: Path, seed: int) -> None:
+def check_run(moments: int, old: tuple[Path, float], folder: Path, seed: int) -> None:
     rng = random.Random(seed)
-    out = folder / "out"
-    assert finished(*run_arguments(1, out)).returncode == 0
+    out, seconds = folder / "out", old[1]
+    shutil.copytree(old[0], out)
     (out / "mine.txt").write_text("stays")
     for _ in range(moments):
         code, _, _ = killed_after(rng.uniform(0, 1.1 * seconds), signal.SIGKILL, *run_arguments(2, out))
@@ -119,8 +121,8 @@ def check_run(moments: int, seconds: float, folder: Path, seed: int) -> None:
     assert (out / "mine.txt").read_text() == "stays"
 
 
-def check_simulate(moments: int, seconds: float, folder: Path, seed: int) -> None:
-    rng = random.Random(seed)
+def check_simulate(moments: int, old: tuple[Path, float], folder: Path, seed: int) -> None:
+    rng, seconds = random.Random(seed), old[1]
     log = folder / "mission.mcap"
     write_log(simulate("flat-bay", 1), log)
     for _ in range(moments):
@@ -145,8 +147,8 @@ def summary(out: Path) -> list[dict[str, object]]:
     ]
 
 
-def check_study(moments: int, seconds: float, folder: Path, seed: int) -> None:
-    rng = random.Random(seed)
+def check_study(moments: int, old: tuple[Path, float], folder: Path, seed: int) -> None:
+    rng, seconds = random.Random(seed), old[1]
     assert finished(*study_arguments(folder / "whole")).returncode == 0
     out = folder / "out"
     for _ in range(moments):
@@ -162,22 +164,18 @@ def check_study(moments: int, seconds: float, folder: Path, seed: int) -> None:
     assert len(rows[0]) == len(rows[1]) == 1 + 4 * 3
 
 
-def test_killed_at_random_moments_old_or_new(run_seconds: float, tmp_path: Path) -> None:
-    for name, check, moments in (
-        ("run", check_run, 2),
-        ("simulate", check_simulate, 2),
-        ("study", check_study, 1),
-    ):
+def test_killed_at_random_moments_old_or_new(old_run: tuple[Path, float], tmp_path: Path) -> None:
+    for name, check in (("run", check_run), ("simulate", check_simulate), ("study", check_study)):
         (tmp_path / name).mkdir()
-        check(moments, run_seconds, tmp_path / name, 1)
+        check(1, old_run, tmp_path / name, 1)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize(("check", "moments"), [(check_run, 34), (check_simulate, 33), (check_study, 33)])
 def test_killed_at_100_random_moments_old_or_new(
-    check: object, moments: int, run_seconds: float, tmp_path: Path
+    check: object, moments: int, old_run: tuple[Path, float], tmp_path: Path
 ) -> None:
-    check(moments, run_seconds, tmp_path, 2)  # type: ignore[operator]
+    check(moments, old_run, tmp_path, 2)  # type: ignore[operator]
 
 
 @contextmanager

@@ -197,3 +197,24 @@ def test_a_missing_dependency_comes_back_from_a_worker_as_itself() -> None:
 
     error = pickle.loads(pickle.dumps(MissingDependencyError("pyproj", "maps")))
     assert str(error) == 'pyproj is not installed: pip install "uwcoop[maps]"'
+
+
+def test_the_digest_of_a_large_file_costs_no_memory(tmp_path: Path) -> None:
+    import hashlib
+    import tracemalloc
+
+    from uwcoop.experiment.study import _file_digest
+
+    large = tmp_path / "chart.tif"
+    with large.open("wb") as file:
+        file.truncate(128 * 2**20)
+    tracemalloc.start()
+    try:
+        digest = _file_digest(large)
+        assert tracemalloc.get_traced_memory()[1] < 4 * 2**20
+    finally:
+        tracemalloc.stop()
+    expected = hashlib.sha256()
+    for _ in range(128):
+        expected.update(bytes(2**20))
+    assert digest == expected.hexdigest()

@@ -225,6 +225,18 @@ def test_plaza_files_are_read(tmp_path: Path) -> None:
         open_mission(path)
 
 
+def test_numbers_whose_squares_overflow_are_refused_without_a_warning(tmp_path: Path) -> None:
+    path = mower(tmp_path / "Plaza9_.mat")
+    content = {name: table for name, table in loadmat(path).items() if not name.startswith("_")}
+    content["DR"][3, 1] = -1.3e180
+    savemat(path, content)
+    # A warning would be an error here, and a second line on the command line.
+    with pytest.raises(
+        LogError, match=r"forward_m -1\.3e\+180 of vehicle 'mower' .* must be at least -1e\+06"
+    ):
+        open_mission(path)
+
+
 def test_a_file_of_matlab_73_is_refused_in_one_line(tmp_path: Path) -> None:
     path = tmp_path / "Plaza9_.mat"
     path.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(512))

@@ -107,18 +107,12 @@ def read_mutated(count: int, seed: int, folder: Path, timeout_s: float) -> dict[
 
 
 def check(told: dict[str, Any], count: int) -> None:
+    assert len(told["unharmed"]) == 11
+    assert set(map(tuple, told["unharmed"].values())) == {(0,)}, "a file of the corpus is not read as it is"
     assert told["bad"] == []
     assert told["refused"] + told["read"] == count
     assert told["refused"] > 0.4 * count, "mutations must damage"
     assert told["peak_mb"] <= PEAK_MB
-
-
-def test_unharmed_files_are_read(tmp_path: Path) -> None:
-    folder = corpus(tmp_path / "corpus")
-    for kind in sorted(folder.iterdir()):
-        arguments = [sys.executable, "-m", "uwcoop", *json.loads((kind / "argument").read_text())]
-        ended = subprocess.run(arguments, capture_output=True, text=True, timeout=60, check=False)
-        assert ended.returncode == 0, (kind.name, ended.stderr)
 
 
 def test_200_mutated_files_are_read_or_refused_in_one_line(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from uwcoop.charts import Chart
     from uwcoop.scenario.models import Scenario
 
-__all__ = ["LOG_SUFFIX", "load_scenario", "open_mission"]
+__all__ = ["LOG_SUFFIX", "has_happened", "load_scenario", "open_mission"]
 
 LOG_SUFFIX = ".mcap"
 
@@ -64,6 +64,15 @@ def open_mission(
     if isinstance(chart, str | Path):
         return simulate(load_scenario(mission, chart, overrides), seed)
     return simulate(load_scenario(mission, None, overrides), seed, chart)
+
+
+def has_happened(mission: MissionLog | Scenario | str | Path) -> bool:
+    """Whether `open_mission` takes this from a log or a recording, or else simulates it."""
+    from uwcoop.importers.datasets import SUFFIXES
+
+    if isinstance(mission, str | Path):
+        return Path(mission).suffix in {LOG_SUFFIX, *SUFFIXES} or Path(mission).is_dir()
+    return isinstance(mission, MissionLog)
 
 
 def _recorded(

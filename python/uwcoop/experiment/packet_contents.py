@@ -28,6 +28,8 @@ class Field:
     """How many of them there are."""
     meaning: str
     """Range, step and rounding of a number; empty for counters, bitmaps and checks."""
+    bounds: tuple[float, float] | None = None
+    """Least and greatest value of a number in bounded steps."""
 
     @property
     def total_bits(self) -> int:
@@ -84,7 +86,10 @@ def packet_of(
     except NavigatorError:
         navigator, launch_ns = ready()
         packet, fields = navigator.transmit_described(launch_ns, acoustics.NO_LIMIT_BYTES)
-    return packet, tuple(Field(field, bits, count, _meaning(scale)) for field, bits, count, scale in fields)
+    return packet, tuple(
+        Field(field, bits, count, _meaning(scale), None if scale is None else (scale[1], scale[2]))
+        for field, bits, count, scale in fields
+    )
 
 
 def _ranging(known: tuple[bool, ...], vehicles: int) -> tuple[bool, ...]:

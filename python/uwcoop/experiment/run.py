@@ -18,8 +18,8 @@ from uwcoop.acoustics.authentication import authenticator_of
 from uwcoop.charts.native import native_chart
 from uwcoop.errors import LogError
 from uwcoop.evaluation import metrics
-from uwcoop.experiment.mission import open_mission
-from uwcoop.experiment.navigator_choice import check_packets_fit, default_navigators
+from uwcoop.experiment.mission import has_happened, open_mission
+from uwcoop.experiment.navigator_choice import check_packets_fit, check_plan_fits, default_navigators
 from uwcoop.experiment.tracks import clouds_of, packets_of, sent_by, tracks_of
 from uwcoop.missionlog import MissionLog
 from uwcoop.navigators import NAVIGATORS, Context, Custom, PythonNavigator, build, build_central, options_of
@@ -103,7 +103,10 @@ def run(
     repeated = {n for n in names if names.count(n) > 1}
     if repeated:
         raise LogError(f"navigator {sorted(repeated)[0]!r} is asked for more than once")
-    check_packets_fit((n for n in chosen if isinstance(n, str)), log.setup, len(log.vehicles))
+    packaged = [n for n in chosen if isinstance(n, str)]
+    check_packets_fit(packaged, log.setup, len(log.vehicles))
+    if not has_happened(mission):
+        check_plan_fits(packaged, log)
     filter_seed = log.seed if seed is None else seed
     native = native_mission(log)
     sample_ns = sample_times_ns(log)

@@ -18,6 +18,7 @@ from uwcoop.acoustics.authentication import KeyFileWarning
 from uwcoop.errors import StudyError, UwcoopError
 from uwcoop.evaluation import metrics
 from uwcoop.evaluation.error_series import error_series_of
+from uwcoop.experiment.navigator_choice import check_plan_fits
 from uwcoop.experiment.run import run
 from uwcoop.experiment.study_store import Row
 from uwcoop.navigators import Custom
@@ -136,6 +137,7 @@ def _fly(
         if world not in logs:
             logs[world] = simulate(scenario, seed, _chart_of(scenario))
         log = replace(logs[world], setup=MissionSetup.of(scenario))
+        check_plan_fits((n for n in navigators if isinstance(n, str)), log)
         result = run(log, navigators, clouds=False)
         rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
         flown.append((k, rows, error_series_of(result.tracks) if keep_errors else None))

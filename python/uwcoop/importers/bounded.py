@@ -23,6 +23,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Final
 
+import numpy as np
+
 from uwcoop.errors import UwcoopError
 
 __all__ = [
@@ -76,10 +78,12 @@ def read_limit_bytes(default: int = READ_LIMIT_BYTES) -> int:
 def refused(error: type[UwcoopError], what: str) -> Iterator[None]:
     """A reader's border: what the block throws becomes `error`, "{what} cannot be read: reason", in one line.
 
-    The package's own errors pass as they are, `KeyboardInterrupt` and `SystemExit` too.
+    The package's own errors pass as they are, `KeyboardInterrupt` and `SystemExit` too. Arithmetic on a file's numbers
+    may overflow in silence: what comes of it is checked, and refused in one line.
     """
     try:
-        yield
+        with np.errstate(all="ignore"):
+            yield
     except UwcoopError:
         raise
     except Exception as thrown:

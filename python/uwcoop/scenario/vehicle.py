@@ -225,7 +225,7 @@ class Track(Table):
 class VehicleBase(Table):
     """Values of a vehicle, or of all vehicles of a team."""
 
-    depth_m: NonNegative = 2.0
+    depth_m: Annotated[float, Field(ge=0, le=11_000)] = 2.0
     """Below the surface, held throughout; a recorded track may bring its own."""
     speed_mps: Positive = 1.5
     look_ahead_m: Positive = 6.0

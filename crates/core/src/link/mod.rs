@@ -6,7 +6,7 @@
 //!   of a peer arrived.
 //! * [`Authenticator`], [`ReplayGuard`], [`FailedTags`]: tags that only holders of the team's key can make, each good for
 //!   one slot, and a bound on how often one is guessed.
-//! * [`range_m`], [`slant_to_horizontal`]: from times to distances.
+//! * [`range_m`], [`slant_to_horizontal`], [`depth_rounding_m2`]: from times to distances.
 //!
 //! Everything here is plain state without clock or random numbers and serialises with serde, checked on the way in,
 //! for snapshots.
@@ -27,6 +27,6 @@ pub use authenticate::{Authenticator, ReplayGuard};
 pub use config::LinkConfig;
 pub use error::LinkError;
 pub use failed_tags::FailedTags;
-pub use geometry::{HorizontalRange, range_m, slant_to_horizontal};
+pub use geometry::{HorizontalRange, depth_rounding_m2, range_m, slant_to_horizontal};
 pub use sequence::{Admission, ReceiveWindow, Sequencer};
 pub use slots::{Slot, SlotTable};

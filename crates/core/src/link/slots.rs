@@ -2,7 +2,6 @@
 
 use super::error::within;
 use super::{LinkConfig, LinkError};
-use crate::packet::TEAM_MAX;
 use serde::{Deserialize, Serialize};
 
 /// One chance to transmit.
@@ -24,15 +23,18 @@ pub struct SlotTable {
 }
 
 impl SlotTable {
+    /// More vehicles never share a channel. What a packet can name of them is bounded by its own layout.
+    pub const SENDERS_MAX: u16 = 1024;
+
     /// Checks the order and keeps the slots.
     ///
     /// # Errors
     /// [`LinkError::SlotOrder`] for a slot that does not start after the one before it; [`LinkError::OutOfRange`] for
-    /// a sender index of [`TEAM_MAX`] or more.
+    /// a sender index of [`SlotTable::SENDERS_MAX`] or more.
     pub fn new(slots: Vec<Slot>) -> Result<Self, LinkError> {
         let mut previous: Option<(usize, i64)> = None;
         for (index, slot) in slots.iter().enumerate() {
-            within("sender index", f64::from(slot.sender), 0.0, f64::from(TEAM_MAX - 1))?;
+            within("sender index", f64::from(slot.sender), 0.0, f64::from(Self::SENDERS_MAX - 1))?;
             if let Some((before, previous_ns)) = previous
                 && slot.tol_ns <= previous_ns
             {

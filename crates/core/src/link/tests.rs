@@ -85,7 +85,10 @@ fn slots_out_of_order_or_too_close_are_refused() {
         let result = SlotTable::new(vec![slot(0, 0, 32), slot(second, 1, 32)]);
         assert!(matches!(result, Err(LinkError::SlotOrder { index: 1, before: 0, .. })));
     }
-    assert!(matches!(SlotTable::new(vec![slot(0, 16, 32)]), Err(LinkError::OutOfRange { .. })));
+    assert!(matches!(
+        SlotTable::new(vec![slot(0, SlotTable::SENDERS_MAX, 32)]),
+        Err(LinkError::OutOfRange { .. })
+    ));
     let tight = SlotTable::new(vec![slot(0, 0, 96), slot(1, 1, 32)]).unwrap();
     assert_eq!(
         tight.check_against(&micromodem()).unwrap_err().to_string(),

@@ -192,6 +192,7 @@ impl Dmpf {
             self.state.core.rejected += 1;
             return Outcome::Rejected;
         };
+        let range = range.inflated(heard.depth_rounding_m2);
         let outcome = self.state.core.range(&heard, toa_ns, &range);
         if outcome == Outcome::Fused {
             self.state.last_heard.keep(sender, tol_ns, heard.belief.moments().1);

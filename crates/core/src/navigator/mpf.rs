@@ -94,6 +94,7 @@ impl<const K: usize> Mpf<K> {
             self.terrain.state.core.rejected += 1;
             return Outcome::Rejected;
         };
+        let range = range.inflated(heard.depth_rounding_m2);
         if self.terrain.acquiring() {
             return self.range_while_acquiring(&heard, toa_ns, &range);
         }

@@ -9,7 +9,7 @@ use super::clock::ClockOptions;
 use super::{Estimate, Particles, check_sender};
 use crate::error::{Error, positive};
 use crate::event::{Payload, VehicleId, seconds};
-use crate::link::{ReceiveWindow, Sequencer, range_m, slant_to_horizontal};
+use crate::link::{ReceiveWindow, Sequencer, depth_rounding_m2, range_m, slant_to_horizontal};
 use crate::packet::{
     Belief, BeliefPacket, CloudPacket, Header, HeardBitmap, MixturePacket, PacketKind, check_crc,
 };
@@ -46,6 +46,8 @@ pub struct HeardBelief {
     pub belief: BroadcastBelief,
     /// Horizontal range from the teammate at launch to this vehicle at arrival, m.
     pub range_m: f64,
+    /// Variance of that range from the rounding of the teammate's depth, m²; zero above 51.2 m.
+    pub depth_rounding_m2: f64,
 }
 
 impl Radio {
@@ -205,14 +207,18 @@ impl Radio {
             // Packets of other families of navigators.
             _ => return None,
         };
+        let step_m = Header::coarse_depth_step_m(header.depth_m);
         let range = range_m(tol_ns, toa_ns, self.sound_speed_mps).and_then(|slant_m| {
-            slant_to_horizontal(slant_m, self.depth_m, header.depth_m, sigma_range_m, SLANT_GATES)
+            let sigma_m = if step_m > 0.0 { sigma_range_m.hypot(step_m) } else { sigma_range_m };
+            slant_to_horizontal(slant_m, self.depth_m, header.depth_m, sigma_m, SLANT_GATES)
         });
         let mut heard = self.heard;
         let range_m = range.ok()?.range_m;
-        heard.insert(sender).ok()?;
+        let depth_rounding_m2 = depth_rounding_m2(range_m, self.depth_m - header.depth_m, step_m);
+        // The bitmap names the first vehicles of a larger team; no navigator with a radio reads it.
+        let _ = heard.insert(sender);
         window.accept(header.sequence, tol_ns).ok()?;
         self.heard = heard;
-        Some(HeardBelief { belief, range_m })
+        Some(HeardBelief { belief, range_m, depth_rounding_m2 })
     }
 }

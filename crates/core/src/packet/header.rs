@@ -173,6 +173,14 @@ impl Header {
         DepthField::step_m(depth_m)
     }
 
+    /// The step that counts in the noise of a range: that of [`Header::depth_step_m`] from 51.2 m on, zero above, where
+    /// the steps of a decimetre are below the noise of a depth sensor.
+    #[must_use]
+    pub fn coarse_depth_step_m(depth_m: f64) -> f64 {
+        let step_m = Self::depth_step_m(depth_m);
+        if step_m > Self::depth_step_m(0.0) { step_m } else { 0.0 }
+    }
+
     /// Bits of a header with a bitmap of `heard_bits`.
     #[must_use]
     pub const fn bits(heard_bits: u32) -> u32 {

@@ -235,6 +235,8 @@ impl Joint {
     }
 
     /// A position in the world; false, and nothing changed, if it contradicts the belief by more than χ² `gate`.
+    ///
+    /// In Joseph's form: a sum of squares, which rounding cannot take below zero.
     pub fn fix(&mut self, position_m: [f64; 2], noise: &nalgebra::Matrix2<f64>, gate: f64) -> bool {
         let rows = self.own_rows().fixed_view::<2, STATES>(0, 0).into_owned();
         let own = self.own();
@@ -248,8 +250,10 @@ impl Joint {
         let before = self.clone();
         self.mean += gain * innovation;
         self.wrap();
-        self.covariance = symmetric(&(self.covariance - gain * s * gain.transpose()));
-        // A difference of numbers of very different size may be no covariance any more.
+        let keep = Covariance::identity() - gain * rows;
+        let kept = keep * self.covariance * keep.transpose();
+        self.covariance = symmetric(&(kept + gain * noise * gain.transpose()));
+        // Numbers of very different size may have lost what makes them a covariance.
         let (own, covariance) = (self.own(), self.own_covariance());
         let sound = is_sound(own.iter(), 2, |row, column| covariance[(row, column)]);
         if !sound {

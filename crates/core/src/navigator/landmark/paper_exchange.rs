@@ -3,17 +3,24 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
+use super::joint_exchange::Pair;
 use super::model::{Measurement, Monitor};
 use super::paper::LandmarkPaper;
 use super::paper_cloud::{Columns, moments};
+use super::pose_algebra::difference;
 use super::robust::PACKET_ANGLES;
 use crate::error::Error;
 use crate::event::VehicleId;
 use crate::measurement::angle::wrap;
-use crate::mixture::select;
+use crate::mixture::{Mode, select};
 use crate::navigator::Outcome;
 use crate::packet::PacketError;
 use crate::random::Purpose;
+
+/// A packet's landmark is believed within this of the own estimate of it, m, m, rad …
+const REACH: [f64; 3] = [5.0, 5.0, 0.5];
+/// … and so many sigmas of both, of which a packet's count up to the above.
+const REACH_SIGMAS: f64 = 5.0;
 
 impl LandmarkPaper {
     /// Another landmark answers; false if nothing is known of it and this positioning cannot place it.
@@ -69,6 +76,10 @@ impl LandmarkPaper {
             self.state.counts.rejected += 1;
             return Outcome::Rejected;
         };
+        if self.contradicts_landmark(&packet.modes) {
+            self.state.counts.rejected += 1;
+            return Outcome::Gated;
+        }
         self.state.role_exchange.accept(sender, tol_ns);
         if self.state.role_exchange.is_landmark {
             let stream = self.stream(Purpose::Belief);
@@ -83,6 +94,20 @@ impl LandmarkPaper {
         }
         self.state.pending = Some((sender, packet.modes));
         Outcome::Fused
+    }
+
+    /// Whether a packet's pose of the old landmark is out of reach of the own estimate of it, which the paper does not
+    /// ask: a forged packet moved a vehicle by kilometres. The bound is wide, as the paper's cloud is often too sure.
+    fn contradicts_landmark(&self, modes: &[Mode<6>]) -> bool {
+        let Some(pair) = Pair::of(modes) else { return true };
+        let cloud = &self.state.cloud;
+        let known = if self.state.role_exchange.is_landmark { &cloud.own } else { &cloud.landmark };
+        let (mean, covariance) = moments(known);
+        let off = difference(&pair.landmark, &mean);
+        !(0..3).all(|k| {
+            let claimed = pair.covariance[(k, k)].max(0.0).sqrt().min(REACH[k]);
+            off[k].abs() <= REACH[k] + REACH_SIGMAS * (covariance[(k, k)].max(0.0).sqrt() + claimed)
+        })
     }
 
     pub(super) fn role(&mut self, landmark: bool) {

@@ -99,7 +99,7 @@ impl BeliefNavigator {
 
     fn hear(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
         let sigma_m = self.options.local.sigma_range_m;
-        let Some(HeardBelief { belief: BroadcastBelief::Gaussian(belief), range_m }) =
+        let Some(HeardBelief { belief: BroadcastBelief::Gaussian(belief), range_m, depth_rounding_m2 }) =
             self.core.radio.receive(sender, tol_ns, toa_ns, bytes, sigma_m)
         else {
             self.core.graph.reject(ALONE);
@@ -113,7 +113,7 @@ impl BeliefNavigator {
             self.core.graph.reject(ALONE);
             return Outcome::Gated;
         }
-        let range = Range { range_m, sigma_m: sigma_m * slant_m / range_m };
+        let range = Range { range_m, sigma_m: sigma_m * slant_m / range_m }.with_rounding(depth_rounding_m2);
         self.core.graph.advance(ALONE, toa_ns);
         let outcome = self.fuse(&range, &node_of(&belief), toa_ns);
         if outcome == Outcome::Gated {

@@ -214,6 +214,8 @@ impl Deif {
             self.sound_speed_mps,
             depth_m,
             message.depth_m,
+            // The packet holds it in float64.
+            0.0,
             self.options.sigma_range_m,
         );
         let Ok(range) = range else { return Ok(self.reject()) };

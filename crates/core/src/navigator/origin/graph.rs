@@ -283,7 +283,10 @@ impl Graph {
         sound_speed_mps: f64,
     ) -> Option<Range> {
         let (own_depth_m, sigma_m) = (self.depth_m(receiver), self.options.sigma_range_m);
-        Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, sigma_m).ok().flatten()
+        let step_m = Header::coarse_depth_step_m(sender_depth_m);
+        Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, step_m, sigma_m)
+            .ok()
+            .flatten()
     }
 
     /// The belief about one vehicle, predicted to `t_ns`.

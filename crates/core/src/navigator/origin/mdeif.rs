@@ -25,6 +25,7 @@ use crate::information::replica::{JoinPlan, Method, Replica};
 use crate::link::{AckBitmap, Admission, ReceiveWindow};
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Profile};
+use crate::packet::Header;
 use crate::packet::graph::rounded::rounded_lags;
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
 
@@ -186,7 +187,12 @@ impl Mdeif {
     ) -> Result<Outcome, Error> {
         let own_depth_m = self.core.server.filter.sensors.depth_m();
         let (local, sound) = (&self.options.local, self.sound_speed_mps);
-        let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, message.depth_m, local.sigma_range_m);
+        let step_m = match self.options.form {
+            GraphForm::F64 => 0.0,
+            _ => Header::coarse_depth_step_m(message.depth_m),
+        };
+        let (depth_m, sigma_m) = (message.depth_m, local.sigma_range_m);
+        let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, depth_m, step_m, sigma_m);
         let Ok(range) = range else { return Ok(self.reject()) };
         let replica = &self.core.peers[usize::from(sender)].replica;
         let plan: JoinPlan = match replica.plan(graph, &self.options.methods) {

@@ -6,9 +6,21 @@ use super::{Team, TeamState};
 use crate::event::VehicleId;
 use crate::kernels::team::RangeOp;
 use crate::kernels::weights::{weighted_covariance, weighted_mean};
-use crate::link::{range_m, slant_to_horizontal};
+use crate::link::{depth_rounding_m2, range_m, slant_to_horizontal};
 use crate::navigator::radio::SLANT_GATES;
-use crate::packet::{ReportedRange, TeamReport};
+use crate::packet::{Header, ReportedRange, TeamReport};
+
+/// A range is told to teammates, who take it with the variance of any range, if the rounding of the sender's depth adds
+/// no more than this share of it.
+const TOLD_SHARE: f64 = 0.25;
+
+/// The range to the sender of a packet.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OwnRange {
+    pub op: RangeOp,
+    /// Whether teammates may take it for an ordinary one.
+    pub worth_telling: bool,
+}
 
 /// From a launch to the end of its reception at most, ns: a frame of 64 bytes at 80 bit/s and the way.
 const RECEPTION_NS: i64 = 8_000_000_000;
@@ -71,7 +83,7 @@ impl<const K: usize> Team<K> {
         base: usize,
         tol_ns: i64,
         toa_ns: i64,
-    ) -> Option<RangeOp> {
+    ) -> Option<OwnRange> {
         let (clock_m, clock_m2) = self.clock_difference(index, base);
         let range_m2 = self.options.sigma_range_m.powi(2);
         let Some((slant_m, horizontal_m)) = self.horizontal(tol_ns, toa_ns, clock_m, clock_m2) else {
@@ -79,7 +91,12 @@ impl<const K: usize> Team<K> {
             return None;
         };
         let slope = (slant_m / horizontal_m.max(f64::MIN_POSITIVE) - 1.0).min(STEEPEST);
-        Some(RangeOp { range_m: horizontal_m + clock_m, variance_m2: range_m2 + slope * slope * clock_m2 })
+        let sender_m = self.scratch.report.depth_m;
+        let step_m = Header::coarse_depth_step_m(sender_m);
+        let rounding_m2 = depth_rounding_m2(horizontal_m, self.radio.depth_m - sender_m, step_m);
+        let variance_m2 = range_m2 + slope * slope * clock_m2 + rounding_m2;
+        let op = RangeOp { range_m: horizontal_m + clock_m, variance_m2 };
+        Some(OwnRange { op, worth_telling: rounding_m2 <= TOLD_SHARE * range_m2 })
     }
 
     /// Slant and horizontal range to the sender of the packet in scratch, m, less what its clock is thought to add; `None`
@@ -94,7 +111,9 @@ impl<const K: usize> Team<K> {
         let (radio, sender_depth_m) = (&self.radio, self.scratch.report.depth_m);
         let slant_m = range_m(tol_ns, toa_ns, radio.sound_speed_mps).ok()? - clock_m;
         let scale_m = self.options.clock.scale_sigma(radio.sound_speed_mps) * slant_m;
-        let sigma_m = (self.options.sigma_range_m.powi(2) + clock_m2 + scale_m * scale_m).sqrt();
+        let step_m = Header::coarse_depth_step_m(sender_depth_m);
+        let sigma_m =
+            (self.options.sigma_range_m.powi(2) + clock_m2 + scale_m * scale_m + step_m * step_m).sqrt();
         let reduced = slant_to_horizontal(slant_m, radio.depth_m, sender_depth_m, sigma_m, SLANT_GATES);
         reduced.ok().map(|horizontal| (slant_m, horizontal.range_m))
     }
