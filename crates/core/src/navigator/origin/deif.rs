@@ -208,14 +208,8 @@ impl Deif {
             return Ok(Outcome::Noted);
         }
         let depth_m = self.core.server.filter.sensors.depth_m();
-        let range = Range::measured(
-            tol_ns,
-            toa_ns,
-            self.sound_speed_mps,
-            depth_m,
-            message.depth_m,
-            self.options.sigma_range_m,
-        );
+        let range =
+            Range::measured(tol_ns, toa_ns, self.sound_speed_mps, depth_m, message.depth_m, &self.options);
         let Ok(range) = range else { return Ok(self.reject()) };
         let (update, node) = match self.peer_update(sender, admission.counter, &message) {
             Ok(Some(found)) => found,

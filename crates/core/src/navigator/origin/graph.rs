@@ -282,8 +282,10 @@ impl Graph {
         sender_depth_m: f64,
         sound_speed_mps: f64,
     ) -> Option<Range> {
-        let (own_depth_m, sigma_m) = (self.depth_m(receiver), self.options.sigma_range_m);
-        Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, sigma_m).ok().flatten()
+        let own_depth_m = self.depth_m(receiver);
+        Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, &self.options)
+            .ok()
+            .flatten()
     }
 
     /// The belief about one vehicle, predicted to `t_ns`.

@@ -186,7 +186,7 @@ impl Mdeif {
     ) -> Result<Outcome, Error> {
         let own_depth_m = self.core.server.filter.sensors.depth_m();
         let (local, sound) = (&self.options.local, self.sound_speed_mps);
-        let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, message.depth_m, local.sigma_range_m);
+        let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, message.depth_m, local);
         let Ok(range) = range else { return Ok(self.reject()) };
         let replica = &self.core.peers[usize::from(sender)].replica;
         let plan: JoinPlan = match replica.plan(graph, &self.options.methods) {

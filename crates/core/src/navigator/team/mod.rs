@@ -279,7 +279,8 @@ impl<const K: usize> Navigator for Team<K> {
         let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
         let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
         columns.extend(teammates(self.terrain.state.core.now_ns(), heard));
-        columns.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
+        let (late, told_m2) = (self.options.clock.late().is_some(), self.options.sigma_range_m.powi(2));
+        columns.extend(self.state.ranges.diagnostics(late, told_m2));
         if self.lone.is_some() {
             columns.extend(self.state.referee.diagnostics());
         }

@@ -171,7 +171,7 @@ impl<const K: usize> Team<K> {
             offset_walk_m2: self.options.terrain.sigma_offset_m_per_sounding.powi(2),
             sounding_m2: self.options.terrain.sigma_depth_m.or(self.state.sigma_sounding_m).map(|s| s * s),
             correlation_m: self.options.terrain.correlation_length_m.unwrap_or(correlation),
-            range_m2: self.options.sigma_range_m.powi(2),
+            range_m2: self.range_m2(),
             clock_m2_per_s: self.options.clock.walk_m2_per_s(),
         };
         let members = (&self.state.groups[index], self.own);
@@ -225,6 +225,7 @@ impl<const K: usize> Team<K> {
     /// what is left runs again: what follows it must not have seen it.
     fn run_gated(&mut self, index: usize, base: usize, column: &mut [f64]) {
         let (n, late) = (column.len(), self.options.clock.late());
+        let (told_m2, used_m2) = (self.options.sigma_range_m.powi(2), self.range_m2());
         self.scratch.mean.clone_from(&self.state.groups[index].mean);
         loop {
             self.run(index, base, n);
@@ -239,7 +240,7 @@ impl<const K: usize> Team<K> {
                 let seen = CloudInnovation::of(particles);
                 let own = matches!(op, Op::RangeToOwn { own: 1, .. });
                 if own {
-                    record.judged(&seen, late.as_ref());
+                    record.judged(&seen, late.as_ref(), told_m2, used_m2);
                 }
                 seen.contradicts(self.options.range_gate_sigmas, late.as_ref()).then_some((place, own))
             });
