@@ -15,6 +15,11 @@ use crate::navigator::radio::SLANT_GATES;
 /// A range that is this likely by a longer way is left out.
 const LATE_LEFT_OUT: f64 = 0.99;
 
+/// The k-th range with one standing error of variance S beside a fresh one of σ² adds the information
+/// σ²/((σ² + kS)(σ² + (k − 1)S)). Each counts by (σ² + S)(σ² + STANDS S)/σ²: a vehicle that moves forgets older ones by its own
+/// drift.
+const STANDS: f64 = 4.0;
+
 /// What a range's error is made of, as far as one range tells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RangeNoise {
@@ -37,12 +42,16 @@ impl RangeNoise {
         Self { fresh_m, whole_m, late: options.clock.late() }
     }
 
+    /// S/σ².
+    fn standing_share(&self) -> f64 {
+        (self.whole_m / self.fresh_m).powi(2) - 1.0
+    }
+
     /// The range of a slant range that was reduced to the horizontal.
     #[must_use]
     pub fn range(&self, slant_m: f64, horizontal_m: f64) -> Range {
         let slope = slant_m / horizontal_m;
-        // Of an error that stands nothing is renewed: the range counts by the share of the rest.
-        let counted_m = self.whole_m * (self.whole_m / self.fresh_m);
+        let counted_m = self.whole_m * (1.0 + STANDS * self.standing_share()).sqrt();
         Range {
             range_m: horizontal_m,
             sigma_m: self.whole_m * slope,
@@ -122,6 +131,100 @@ impl Range {
         match counted {
             Some(counted) if joint.fuse(&counted).is_ok() => Outcome::Fused,
             _ => Outcome::Gated,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::information::Gaussian;
+    use crate::navigator::clock::ClockOptions;
+    use crate::random::{Purpose, Streams};
+    use nalgebra::Matrix4;
+
+    const SOUND_MPS: f64 = 1500.0;
+    const TOL: i64 = 600_000_000_000;
+
+    fn told(clock: ClockOptions) -> LocalOptions {
+        LocalOptions { clock, ..LocalOptions::default() }
+    }
+
+    /// Nodes at the origin and 400 m east of it: the sender's position known to 1 m, the receiver's to 10 m.
+    fn joint() -> (Joint, usize, usize) {
+        let node = |east_m: f64, sigma_m: f64| {
+            let variance_m2 = sigma_m * sigma_m;
+            let covariance = Matrix4::from_diagonal(&[variance_m2, variance_m2, 1.0, 1.0].into());
+            Gaussian { mean: [east_m, 0.0, 0.0, 0.0].into(), covariance }
+        };
+        let mut joint = Joint::new();
+        let (sender, receiver) = (joint.push(&node(0.0, 1.0)), joint.push(&node(400.0, 10.0)));
+        (joint, sender, receiver)
+    }
+
+    fn measured(range_m: f64, options: &LocalOptions) -> Range {
+        let toa = TOL + (range_m / SOUND_MPS * 1e9) as i64;
+        Range::measured(TOL, toa, SOUND_MPS, 5.0, 5.0, options).unwrap().unwrap()
+    }
+
+    #[test]
+    fn an_exchange_from_kilometres_away_is_gated_whatever_the_clocks() {
+        let clocks = [0.0, 0.002, 0.010].map(|offset_sigma_s| ClockOptions {
+            offset_sigma_s,
+            late_share: 0.2,
+            ..ClockOptions::default()
+        });
+        for clock in clocks.into_iter().chain([ClockOptions::default()]) {
+            let (mut joint, sender, receiver) = joint();
+            let before = joint.node_mean(receiver);
+            let outcome = measured(2900.0, &told(clock)).fuse(&mut joint, sender, receiver, 6.0);
+            assert_eq!(outcome, Outcome::Gated, "{clock:?}");
+            assert_eq!(joint.node_mean(receiver), before);
+        }
+    }
+
+    #[test]
+    fn without_faults_a_range_counts_as_it_is_told() {
+        let range = measured(400.0, &LocalOptions::default());
+        assert_eq!((range.sigma_m, range.counted_m, range.late), (1.0, 1.0, None));
+    }
+
+    #[test]
+    fn a_range_that_is_late_for_all_that_is_known_is_left_out_and_a_doubtful_one_counts_less() {
+        let clock = ClockOptions { late_share: 0.2, ..ClockOptions::default() };
+        let along_m2 = |range_m: f64| {
+            let (mut joint, sender, receiver) = joint();
+            let outcome = measured(range_m, &told(clock)).fuse(&mut joint, sender, receiver, 6.0);
+            (outcome, joint.marginal(receiver).covariance[(0, 0)])
+        };
+        let (on_time, sure_m2) = along_m2(400.0);
+        let (doubtful, doubtful_m2) = along_m2(420.0);
+        let (late, late_m2) = along_m2(445.0);
+        assert_eq!((on_time, doubtful, late), (Outcome::Fused, Outcome::Fused, Outcome::Gated));
+        assert!(sure_m2 < doubtful_m2 && doubtful_m2 < late_m2, "{sure_m2} {doubtful_m2} {late_m2}");
+    }
+
+    /// The error of a clock stands: many ranges with the same one must not look like as many that differ.
+    #[test]
+    fn ranges_with_one_clock_error_are_not_believed_to_average_it() {
+        let missions = 200;
+        for (offset_sigma_s, ranges) in [(0.0003, 15), (0.001, 20), (0.003, 50), (0.010, 100)] {
+            let options = told(ClockOptions { offset_sigma_s, ..ClockOptions::default() });
+            let (mut z, mut truth) = (vec![0.0; missions], vec![0.0; missions]);
+            Streams::new(1, 0).at(Purpose::Jitter, 0).normal_pairs(0, &mut z, &mut truth);
+            let mut square = 0.0;
+            for (clock, place) in z.iter().zip(&truth) {
+                let (mut joint, sender, receiver) = joint();
+                let true_m = 400.0 + 10.0 * place;
+                let error_m = std::f64::consts::SQRT_2 * offset_sigma_s * SOUND_MPS * clock;
+                for _ in 0..ranges {
+                    measured(true_m + error_m, &options).fuse(&mut joint, sender, receiver, 6.0);
+                }
+                let found = joint.marginal(receiver);
+                square += (found.mean[0] - true_m).powi(2) / found.covariance[(0, 0)];
+            }
+            let mean = square / missions as f64;
+            assert!(mean < 2.0, "{offset_sigma_s} s: {mean}");
         }
     }
 }

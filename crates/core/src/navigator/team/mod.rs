@@ -282,7 +282,7 @@ impl<const K: usize> Navigator for Team<K> {
         let (late, told_m2) = (self.options.clock.late().is_some(), self.options.sigma_range_m.powi(2));
         columns.extend(self.state.ranges.diagnostics(late, told_m2));
         if self.lone.is_some() {
-            columns.extend(self.state.referee.diagnostics());
+            columns.extend(self.state.referee.diagnostics(self.terrain.state.core.now_ns()));
         }
         columns.extend(self.clock_diagnostics());
         columns

@@ -2,15 +2,24 @@
 //!
 //! Beside the team's cloud runs `mpf` without ranges, fed everything but receptions. Both explain the own soundings; Page's
 //! cumulative sum (Biometrika 41, 1954) of the difference of their log evidence says when the lone filter does so for
-//! good: then a range or a teammate has led the team's cloud astray, and it starts anew from the lone one.
+//! good: then a range or a teammate has led the team's cloud astray, and it starts anew from the lone one. Where that happens
+//! again soon, what is believed of ranges or teammates is wrong in itself: packets then weigh no particle for a while, twice as
+//! long each time, and the vehicle is as good as alone.
 
 use serde::{Deserialize, Serialize};
 
 use super::Team;
 use super::group::Widening;
+use crate::event::seconds;
 
 /// One sounding counts for or against the lone filter by at most this, nat.
 const CLIP_NAT: f64 = 5.0;
+/// A take-over is a repeated one so long after the last, or after the silence that followed it, s.
+const SOON_S: f64 = 300.0;
+/// The first silence, s.
+const SILENCE_S: f64 = 120.0;
+/// Doublings of it at most.
+const MOST_DOUBLINGS: u32 = 4;
 /// Variances by which teammates are widened: a position by 15 m, what drifts as after an alarm.
 const WIDENED: [f64; 7] = [225.0, 225.0, 0.25, 0.01, 0.01, 0.0, 0.0];
 
@@ -19,9 +28,30 @@ const WIDENED: [f64; 7] = [225.0, 225.0, 0.25, 0.01, 0.01, 0.0, 0.0];
 pub struct Referee {
     evidence_nat: f64,
     takeovers: u64,
+    last_ns: Option<i64>,
+    silent_until_ns: i64,
+    repeated: u32,
 }
 
 impl Referee {
+    /// Whether packets weigh no particle at `t_ns`.
+    pub fn silences(&self, t_ns: i64) -> bool {
+        self.repeated > 0 && t_ns < self.silent_until_ns
+    }
+
+    /// The lone filter took over at `t_ns`.
+    fn took_over(&mut self, t_ns: i64) {
+        let since = self.last_ns.map(|last| last.max(self.silent_until_ns));
+        if since.is_some_and(|since| seconds(t_ns.saturating_sub(since)) < SOON_S) {
+            let silence_s = SILENCE_S * f64::from(1_u32 << self.repeated.min(MOST_DOUBLINGS));
+            self.silent_until_ns = t_ns.saturating_add((silence_s * 1e9) as i64);
+            self.repeated += 1;
+        } else {
+            self.repeated = 0;
+        }
+        self.last_ns = Some(t_ns);
+    }
+
     /// One sounding: log evidence of the lone filter's cloud and of the team's. True when the lone one is to take over.
     fn judge(&mut self, lone_nat: f64, team_nat: f64, threshold_nat: f64) -> bool {
         let gain = (lone_nat - team_nat).clamp(-CLIP_NAT, CLIP_NAT);
@@ -35,8 +65,12 @@ impl Referee {
     }
 
     /// By name.
-    pub fn diagnostics(&self) -> [(&'static str, f64); 2] {
-        [("referee_takeovers", self.takeovers as f64), ("referee_evidence_nat", self.evidence_nat)]
+    pub fn diagnostics(&self, now_ns: Option<i64>) -> [(&'static str, f64); 3] {
+        [
+            ("referee_takeovers", self.takeovers as f64),
+            ("referee_evidence_nat", self.evidence_nat),
+            ("ranges_silenced", f64::from(now_ns.is_some_and(|now| self.silences(now)))),
+        ]
     }
 }
 
@@ -49,6 +83,9 @@ impl<const K: usize> Team<K> {
         };
         if self.state.referee.judge(lone_nat, team_nat, self.options.referee_nat) {
             self.take_over();
+            if let Some(now_ns) = self.terrain.state.core.now_ns() {
+                self.state.referee.took_over(now_ns);
+            }
         }
     }
 
@@ -77,6 +114,23 @@ mod tests {
     use super::*;
 
     #[test]
+    fn repeated_take_overs_silence_ranges_for_longer_each_time() {
+        const SECOND: i64 = 1_000_000_000;
+        let mut referee = Referee::default();
+        referee.took_over(400 * SECOND);
+        assert!(!referee.silences(401 * SECOND), "one take-over may be chance");
+        referee.took_over(600 * SECOND);
+        assert!(referee.silences(719 * SECOND) && !referee.silences(720 * SECOND));
+        referee.took_over(1000 * SECOND);
+        assert!(referee.silences(1239 * SECOND) && !referee.silences(1240 * SECOND));
+        // Long after, it is a first one again.
+        referee.took_over(1600 * SECOND);
+        assert!(!referee.silences(1601 * SECOND));
+        referee.took_over(1700 * SECOND);
+        assert!(referee.silences(1819 * SECOND) && !referee.silences(1820 * SECOND));
+    }
+
+    #[test]
     fn evidence_adds_up_only_while_the_lone_filter_is_better() {
         let mut referee = Referee::default();
         // Worse soundings are not held against it later.
@@ -87,6 +141,6 @@ mod tests {
         // No single sounding decides.
         assert!(!referee.judge(0.0, -1e6, 10.0));
         assert!(referee.judge(0.0, f64::NEG_INFINITY, 10.0));
-        assert_eq!(referee.diagnostics()[0], ("referee_takeovers", 2.0));
+        assert_eq!(referee.diagnostics(None)[0], ("referee_takeovers", 2.0));
     }
 }
