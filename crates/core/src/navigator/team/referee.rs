@@ -3,8 +3,8 @@
 //! Beside the team's cloud runs `mpf` without ranges, fed everything but receptions. Both explain the own soundings; Page's
 //! cumulative sum (Biometrika 41, 1954) of the difference of their log evidence says when the lone filter does so for
 //! good: then a range or a teammate has led the team's cloud astray, and it starts anew from the lone one. Where that happens
-//! again soon, what is believed of ranges or teammates is wrong in itself: packets then weigh no particle for a while, twice as
-//! long each time, and the vehicle is as good as alone.
+//! again soon, what is believed of ranges or teammates is wrong in itself: for a while, twice as long each time, the lone filter
+//! speaks for the vehicle, packets weigh no particle, and then it takes over once more.
 
 use serde::{Deserialize, Serialize};
 
@@ -29,23 +29,32 @@ pub struct Referee {
     evidence_nat: f64,
     takeovers: u64,
     last_ns: Option<i64>,
-    silent_until_ns: i64,
+    silent_until_ns: Option<i64>,
     repeated: u32,
 }
 
 impl Referee {
-    /// Whether packets weigh no particle at `t_ns`.
-    pub fn silences(&self, t_ns: i64) -> bool {
-        self.repeated > 0 && t_ns < self.silent_until_ns
+    /// Whether packets weigh no particle, and the lone filter speaks for the vehicle.
+    pub fn silences(&self) -> bool {
+        self.silent_until_ns.is_some()
+    }
+
+    /// Ends a silence whose time has come; true if it did.
+    fn ends_silence(&mut self, t_ns: i64) -> bool {
+        let ended = self.silent_until_ns.is_some_and(|until| t_ns >= until);
+        if ended {
+            self.silent_until_ns = None;
+            self.last_ns = Some(t_ns);
+        }
+        ended
     }
 
     /// The lone filter took over at `t_ns`.
     fn took_over(&mut self, t_ns: i64) {
-        let since = self.last_ns.map(|last| last.max(self.silent_until_ns));
-        if since.is_some_and(|since| seconds(t_ns.saturating_sub(since)) < SOON_S) {
+        if self.last_ns.is_some_and(|last| seconds(t_ns.saturating_sub(last)) < SOON_S) {
             let silence_s = SILENCE_S * f64::from(1_u32 << self.repeated.min(MOST_DOUBLINGS));
-            self.silent_until_ns = t_ns.saturating_add((silence_s * 1e9) as i64);
-            self.repeated += 1;
+            self.silent_until_ns = Some(t_ns.saturating_add((silence_s * 1e9) as i64));
+            self.repeated = self.repeated.saturating_add(1);
         } else {
             self.repeated = 0;
         }
@@ -65,11 +74,11 @@ impl Referee {
     }
 
     /// By name.
-    pub fn diagnostics(&self, now_ns: Option<i64>) -> [(&'static str, f64); 3] {
+    pub fn diagnostics(&self) -> [(&'static str, f64); 3] {
         [
             ("referee_takeovers", self.takeovers as f64),
             ("referee_evidence_nat", self.evidence_nat),
-            ("ranges_silenced", f64::from(now_ns.is_some_and(|now| self.silences(now)))),
+            ("ranges_silenced", f64::from(self.silences())),
         ]
     }
 }
@@ -77,15 +86,19 @@ impl Referee {
 impl<const K: usize> Team<K> {
     /// After a sounding that both filters have taken up.
     pub(super) fn judge(&mut self) {
-        let Some(lone) = &self.lone else { return };
+        let (Some(lone), Some(now_ns)) = (&self.lone, self.terrain.state.core.now_ns()) else { return };
+        if self.state.referee.silences() {
+            if self.state.referee.ends_silence(now_ns) {
+                self.take_over();
+            }
+            return;
+        }
         let (Some(lone_nat), Some(team_nat)) = (lone.evidence_nat(), self.terrain.evidence_nat()) else {
             return;
         };
         if self.state.referee.judge(lone_nat, team_nat, self.options.referee_nat) {
             self.take_over();
-            if let Some(now_ns) = self.terrain.state.core.now_ns() {
-                self.state.referee.took_over(now_ns);
-            }
+            self.state.referee.took_over(now_ns);
         }
     }
 
@@ -117,17 +130,19 @@ mod tests {
     fn repeated_take_overs_silence_ranges_for_longer_each_time() {
         const SECOND: i64 = 1_000_000_000;
         let mut referee = Referee::default();
+        let silence = |referee: &mut Referee, from_s: i64, to_s: i64| {
+            referee.took_over(from_s * SECOND);
+            assert!(referee.silences() && !referee.ends_silence((to_s - 1) * SECOND));
+            assert!(referee.ends_silence(to_s * SECOND) && !referee.silences());
+        };
         referee.took_over(400 * SECOND);
-        assert!(!referee.silences(401 * SECOND), "one take-over may be chance");
-        referee.took_over(600 * SECOND);
-        assert!(referee.silences(719 * SECOND) && !referee.silences(720 * SECOND));
-        referee.took_over(1000 * SECOND);
-        assert!(referee.silences(1239 * SECOND) && !referee.silences(1240 * SECOND));
+        assert!(!referee.silences(), "one take-over may be chance");
+        silence(&mut referee, 600, 720);
+        silence(&mut referee, 1000, 1240);
         // Long after, it is a first one again.
         referee.took_over(1600 * SECOND);
-        assert!(!referee.silences(1601 * SECOND));
-        referee.took_over(1700 * SECOND);
-        assert!(referee.silences(1819 * SECOND) && !referee.silences(1820 * SECOND));
+        assert!(!referee.silences());
+        silence(&mut referee, 1700, 1820);
     }
 
     #[test]
@@ -141,6 +156,6 @@ mod tests {
         // No single sounding decides.
         assert!(!referee.judge(0.0, -1e6, 10.0));
         assert!(referee.judge(0.0, f64::NEG_INFINITY, 10.0));
-        assert_eq!(referee.diagnostics(None)[0], ("referee_takeovers", 2.0));
+        assert_eq!(referee.diagnostics()[0], ("referee_takeovers", 2.0));
     }
 }

@@ -18,7 +18,7 @@ impl<const K: usize> Team<K> {
     /// Weighs the particles by a packet, softened if it would leave too few.
     pub(super) fn weigh(&mut self, mut column: Vec<f64>) {
         let core = &mut self.terrain.state.core;
-        if core.now_ns().is_some_and(|now_ns| self.state.referee.silences(now_ns)) {
+        if self.state.referee.silences() {
             return core.cloud.put_back(column);
         }
         let cloud = &mut core.cloud;
