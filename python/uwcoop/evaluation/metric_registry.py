@@ -16,6 +16,7 @@ from uwcoop.evaluation.metric_types import Column, Metric, Pooled
 from uwcoop.evaluation.nees import normalised_square
 from uwcoop.evaluation.per_instant import position_error, values_of
 from uwcoop.evaluation.pooling import LOST_BEYOND_M, quantile, root_mean_square
+from uwcoop.evaluation.sensor_misfit import SENSOR_MISFITS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -280,6 +281,7 @@ METRICS: dict[str, Metric] = {
         int,
         column=Column("un-\nsent", "whole", only_if_any=True),
     ),
+    **SENSOR_MISFITS,
     "rmse_over_bound": Metric(
         "1",
         "RMSE over the root mean square of the team's Cramér-Rao bound",

@@ -24,6 +24,8 @@ class Column:
     """Shown even where it applies to nobody."""
     only_if_any: bool = False
     """Left out where every value is zero."""
+    only_if_above: float | None = None
+    """Left out where no value is larger."""
     marks_consistency: bool = False
     """A NEES whose ideal is 2: values that mean an overconfident or conservative navigator are marked."""
 

@@ -6,19 +6,16 @@ Sources: Tan, Chitre & Hover (2016), Table 1 and section 3-4, for `dmpf`; the pa
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from uwcoop import _native
 from uwcoop.navigators.base import FROM_CORE, NavigatorOptions
-
-if TYPE_CHECKING:
-    from uwcoop.scenario.acoustics import Acoustics
+from uwcoop.navigators.clock import ClockOptions
 
 __all__ = [
     "DRIFT_PRESETS",
-    "ClockOptions",
     "DeadReckoningOptions",
     "DmpfOptions",
     "DriftName",
@@ -26,7 +23,6 @@ __all__ = [
     "FilterOptions",
     "MpfOptions",
     "TerrainOptions",
-    "clock_of",
 ]
 
 DRIFT_PRESETS: dict[str, dict[str, float]] = json.loads(_native.drift_presets())
@@ -58,39 +54,6 @@ class DriftOptions(NavigatorOptions, method="dead-reckoning"):
 
 class DeadReckoningOptions(DriftOptions, method="dead-reckoning"):
     """Options of `dead-reckoning`."""
-
-
-class ClockOptions(BaseModel):
-    """Errors of one-way ranges. Values that are not stated follow the scenario's `acoustics`; 0: no such error."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    offset_sigma_s: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Sigma of each vehicle's clock error at the start of the mission."""
-    drift_sigma_ppm: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Sigma of each clock's drift."""
-    sound_speed_sigma_mps: Annotated[float, Field(ge=0, allow_inf_nan=False)] = 0.0
-    """Sigma of the sound speed's error."""
-    late_share: Annotated[float, Field(ge=0, le=0.9)] = 0.0
-    """Share of ranges by a longer path (multipath)."""
-    lateness_m: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 20.0
-    """Their mean excess length."""
-
-
-def clock_of(acoustics: Acoustics) -> dict[str, float]:
-    """The errors of ranges that the scenario states as sigmas and shares, as `ClockOptions`.
-
-    Two-way ranging does not depend on differences between clocks. Errors of a given amount are not in it: a navigator
-    cannot know them.
-    """
-    one_way, clock = acoustics.ranging == "one-way", acoustics.clock
-    return {
-        "offset_sigma_s": clock.offset_sigma_s if one_way else 0.0,
-        "drift_sigma_ppm": clock.drift_sigma_ppm if one_way else 0.0,
-        "sound_speed_sigma_mps": acoustics.sound_speed_error_sigma_mps,
-        "late_share": min(acoustics.range_outlier_share, 0.9),
-        "lateness_m": acoustics.range_outlier_m.mean_m,
-    }
 
 
 class FilterOptions(DriftOptions, method="dmpf"):

@@ -5,7 +5,10 @@ from __future__ import annotations
 
 from typing import Literal
 
+from pydantic import Field
+
 from uwcoop.navigators.base import FROM_CORE, NavigatorOptions
+from uwcoop.navigators.clock import ClockOptions
 
 __all__ = [
     "BeliefOptions",
@@ -37,6 +40,8 @@ class OriginOptions(NavigatorOptions, method="deif"):
     gate_sigmas: float = FROM_CORE
     """Fixes and ranges with a larger normalised innovation are gated and counted; the third such fix in a row is
     used."""
+    clock: ClockOptions = Field(default=FROM_CORE, validate_default=True)
+    """Errors of one-way ranges: they widen the gate, and a range counts by the share of its error that is new."""
 
 
 class MdeifOptions(OriginOptions, method="mdeif"):

@@ -19,6 +19,7 @@ from uwcoop import _native
 from uwcoop.errors import NavigatorError
 from uwcoop.navigators import landmark, options, origin, team
 from uwcoop.navigators.base import METHODS, NavigatorOptions
+from uwcoop.navigators.clock import clock_of
 from uwcoop.navigators.protocol import Context
 from uwcoop.scenario.setup import MissionSetup
 
@@ -122,7 +123,7 @@ def options_of(name: str, setup: MissionSetup | None = None) -> Options:
     own = dict(setup.navigator.own.get(name, {}))
     implied = _implied_by_setup(spec, setup, {**implied, **own}) | implied
     if "clock" in known and "clock" in own and setup.acoustics is not None:
-        own["clock"] = options.clock_of(setup.acoustics) | dict(own["clock"])
+        own["clock"] = clock_of(setup.acoustics) | dict(own["clock"])
     for option, value in spec.fixed.items():
         if own.get(option, value) != value:
             raise NavigatorError(
@@ -146,7 +147,7 @@ def _implied_by_setup(spec: Spec, setup: MissionSetup, stated: Mapping[str, Any]
     if setup.acoustics is not None and "packet_form" in known:
         found["packet_form"] = setup.acoustics.packet
     if setup.acoustics is not None and "clock" in known:
-        found["clock"] = options.clock_of(setup.acoustics) | dict(stated.get("clock", {}))
+        found["clock"] = clock_of(setup.acoustics) | dict(stated.get("clock", {}))
     # A packet that is laid out for its frame keeps the tag's room.
     tags = setup.authentication.tag_bytes
     if tags and "tag_bytes" in known:

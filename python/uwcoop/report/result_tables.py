@@ -146,7 +146,9 @@ def _applicable(
 
 def _counts(value: float | None, column: metrics.Column) -> bool:
     """Whether a value is a reason to show its column."""
-    return value is not None and not (column.only_if_any and value == 0)
+    if value is None or (column.only_if_any and value == 0):
+        return False
+    return column.only_if_above is None or value > column.only_if_above
 
 
 def _number_column(table: Table, heading: str, cells: list[Text]) -> None:

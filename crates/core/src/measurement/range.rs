@@ -2,6 +2,8 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI};
 
+use serde::{Deserialize, Serialize};
+
 use crate::kernels::math::{exp, ln};
 
 /// Two vehicles at one place have no direction between them, m.
@@ -109,7 +111,7 @@ const LATE_GATE_SIGMAS: f64 = 10.0;
 const LATE_GATE_MEANS: f64 = 15.0;
 
 /// Ranges of which some come by a longer way: late by an exponential distribution, never early.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LateArrivals {
     /// ε, share of late ones.
     pub share: f64,

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::graph::Graph;
 use super::local_options::LocalOptions;
-use super::range::Range;
+use super::range::{Range, RangeNoise};
 use super::sensors::{LOCAL_SENSORS, check_local_event};
 use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
@@ -98,9 +98,9 @@ impl BeliefNavigator {
     }
 
     fn hear(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
-        let sigma_m = self.options.local.sigma_range_m;
+        let noise = RangeNoise::of(&self.options.local, tol_ns, toa_ns, self.sound_speed_mps);
         let Some(HeardBelief { belief: BroadcastBelief::Gaussian(belief), range_m, depth_rounding_m2 }) =
-            self.core.radio.receive(sender, tol_ns, toa_ns, bytes, sigma_m)
+            self.core.radio.receive(sender, tol_ns, toa_ns, bytes, noise.whole_m)
         else {
             self.core.graph.reject(ALONE);
             return Outcome::Rejected;
@@ -109,11 +109,11 @@ impl BeliefNavigator {
             return Outcome::Noted;
         }
         let slant_m = seconds(toa_ns.saturating_sub(tol_ns)) * self.sound_speed_mps;
-        if range_m <= sigma_m {
+        if range_m <= noise.whole_m {
             self.core.graph.reject(ALONE);
             return Outcome::Gated;
         }
-        let range = Range { range_m, sigma_m: sigma_m * slant_m / range_m }.with_rounding(depth_rounding_m2);
+        let range = noise.range(slant_m, range_m).with_rounding(depth_rounding_m2);
         self.core.graph.advance(ALONE, toa_ns);
         let outcome = self.fuse(&range, &node_of(&belief), toa_ns);
         if outcome == Outcome::Gated {
@@ -173,7 +173,7 @@ fn best_share(own: &Gaussian<NODE>, sender: &Gaussian<NODE>, range: &Range) -> O
     let sender_along = unit.dot(&(position(&sender.covariance) * unit));
     let trace = own.covariance[(0, 0)] + own.covariance[(1, 1)];
     let after = |share: f64| {
-        let innovation = own_along / share + sender_along / (1.0 - share) + range.sigma_m * range.sigma_m;
+        let innovation = own_along / share + sender_along / (1.0 - share) + range.counted_m * range.counted_m;
         trace / share - across / (share * share * innovation)
     };
     let tried = (1..SHARES).map(|k| f64::from(k) / f64::from(SHARES));
@@ -283,7 +283,7 @@ mod tests {
     fn the_share_is_the_best_of_all() {
         let own = node([0.0, 0.0], [25.0, 6.0, 9.0]);
         let sender = node([100.0, 40.0], [1.0, 0.2, 2.0]);
-        let range = Range { range_m: 107.0, sigma_m: 1.0 };
+        let range = Range { range_m: 107.0, sigma_m: 1.0, counted_m: 1.0, late: None };
         let best = best_share(&own, &sender, &range).unwrap();
         let at_best = trace_at(best, &own, &sender, &range);
         for k in 1..1000 {
@@ -296,6 +296,9 @@ mod tests {
     fn a_worse_teammate_teaches_nothing() {
         let own = node([0.0, 0.0], [1.0, 0.0, 1.0]);
         let sender = node([100.0, 0.0], [1.0, 0.0, 1.0]);
-        assert_eq!(best_share(&own, &sender, &Range { range_m: 100.0, sigma_m: 1.0 }), None);
+        assert_eq!(
+            best_share(&own, &sender, &Range { range_m: 100.0, sigma_m: 1.0, counted_m: 1.0, late: None }),
+            None
+        );
     }
 }

@@ -282,9 +282,10 @@ impl Graph {
         sender_depth_m: f64,
         sound_speed_mps: f64,
     ) -> Option<Range> {
-        let (own_depth_m, sigma_m) = (self.depth_m(receiver), self.options.sigma_range_m);
+        let own_depth_m = self.depth_m(receiver);
         let step_m = Header::coarse_depth_step_m(sender_depth_m);
-        Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, step_m, sigma_m)
+        let options = &self.options;
+        Range::measured(tol_ns, toa_ns, sound_speed_mps, own_depth_m, sender_depth_m, step_m, options)
             .ok()
             .flatten()
     }

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::Error;
+use crate::navigator::clock::ClockOptions;
 use crate::navigator::settings::check_all;
 use crate::navigator::settings::origin::LOCAL_BOUNDS;
 
@@ -19,6 +20,8 @@ pub struct LocalOptions {
     pub sigma_range_m: f64,
     /// Fixes and ranges that contradict the belief by more sigmas are gated and counted.
     pub gate_sigmas: f64,
+    /// What may be wrong with ranges, beside their noise.
+    pub clock: ClockOptions,
 }
 
 impl LocalOptions {
@@ -27,6 +30,7 @@ impl LocalOptions {
     /// # Errors
     /// [`Error::NotFinite`], [`Error::OutOfBound`].
     pub fn validate(&self) -> Result<(), Error> {
+        self.clock.validate()?;
         check_all(
             &LOCAL_BOUNDS,
             &[
@@ -48,6 +52,7 @@ impl Default for LocalOptions {
             sigma_velocity0_mps: 1.0,
             sigma_range_m: 1.0,
             gate_sigmas: 6.0,
+            clock: ClockOptions::default(),
         }
     }
 }

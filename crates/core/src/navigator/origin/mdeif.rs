@@ -191,8 +191,7 @@ impl Mdeif {
             GraphForm::F64 => 0.0,
             _ => Header::coarse_depth_step_m(message.depth_m),
         };
-        let (depth_m, sigma_m) = (message.depth_m, local.sigma_range_m);
-        let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, depth_m, step_m, sigma_m);
+        let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, message.depth_m, step_m, local);
         let Ok(range) = range else { return Ok(self.reject()) };
         let replica = &self.core.peers[usize::from(sender)].replica;
         let plan: JoinPlan = match replica.plan(graph, &self.options.methods) {

@@ -107,7 +107,7 @@ impl Settings for BeliefSettings {
     }
 
     fn unread(&self) -> Vec<Unread> {
-        let of_ranges = ["sigma_range_m", "correlation", "packet_form"];
+        let of_ranges = ["sigma_range_m", "clock", "correlation", "packet_form"];
         all_unread(!self.use_ranges, &of_ranges, RangeSettings::OFF).collect()
     }
 

@@ -150,6 +150,11 @@ impl<const K: usize> Team<K> {
         Some((mate.tol_ns, mean, covariance))
     }
 
+    /// The filter that speaks for this vehicle: the lone one while the referee does not trust the team.
+    fn speaking(&self) -> &TerrainCore<K> {
+        self.lone.as_ref().filter(|_| self.state.referee.silences()).unwrap_or(&self.terrain)
+    }
+
     fn weights(&self) -> &[f64] {
         self.terrain.state.core.cloud.weights()
     }
@@ -236,7 +241,7 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
-        self.terrain.state.core.estimate(t_ns)
+        self.speaking().state.core.estimate(t_ns)
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
@@ -271,7 +276,7 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn particles(&self) -> Option<Particles> {
-        self.terrain.state.core.particles()
+        self.speaking().state.core.particles()
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
@@ -279,7 +284,8 @@ impl<const K: usize> Navigator for Team<K> {
         let heard = (0..self.state.mates.len()).filter_map(|v| self.teammate(v as VehicleId));
         let heard = heard.map(|(tol_ns, _, covariance_m2)| (tol_ns, covariance_m2));
         columns.extend(teammates(self.terrain.state.core.now_ns(), heard));
-        columns.extend(self.state.ranges.diagnostics(self.options.clock.late().is_some()));
+        let (late, told_m2) = (self.options.clock.late().is_some(), self.options.sigma_range_m.powi(2));
+        columns.extend(self.state.ranges.diagnostics(late, told_m2));
         if self.lone.is_some() {
             columns.extend(self.state.referee.diagnostics());
         }

@@ -73,6 +73,12 @@ fn launch_of<const K: usize>(
 }
 
 impl<const K: usize> Team<K> {
+    /// Variance of a range, m²: what is told, or more where ranges show that they are noisier.
+    pub(super) fn range_m2(&self) -> f64 {
+        let told_m2 = self.options.sigma_range_m.powi(2);
+        told_m2 * self.state.ranges.variance_factor(told_m2)
+    }
+
     /// The range to a packet's sender, reduced to the horizontal; `None`, and counted, for one that is none.
     ///
     /// A slant range is reduced less what the sender's clock is thought to add, which is put back: what a clock difference
@@ -85,7 +91,7 @@ impl<const K: usize> Team<K> {
         toa_ns: i64,
     ) -> Option<OwnRange> {
         let (clock_m, clock_m2) = self.clock_difference(index, base);
-        let range_m2 = self.options.sigma_range_m.powi(2);
+        let range_m2 = self.range_m2();
         let Some((slant_m, horizontal_m)) = self.horizontal(tol_ns, toa_ns, clock_m, clock_m2) else {
             self.state.ranges.impossible += 1;
             return None;

@@ -14,9 +14,6 @@ use crate::measurement::sounding::neutral_log_likelihood;
 use crate::navigator::Outcome;
 use crate::packet::FixContent;
 
-/// A packet that would leave too few particles has its weights quartered at most so many times.
-const SOFTENINGS: usize = 6;
-
 /// Mean and covariance [ee, en, nn] of a block's position over all particles.
 pub fn position_moments(group: &Group, base: usize, weights: &[f64]) -> ([f64; 2], [f64; 3]) {
     let (east, north) = (group.mean_of(base), group.mean_of(base + 1));
@@ -177,7 +174,7 @@ impl<const K: usize> Team<K> {
                 .or(self.state.sigma_sounding_m)
                 .map(|s| (s * self.terrain.noise_factor()).powi(2)),
             correlation_m: self.options.terrain.correlation_length_m.unwrap_or(correlation),
-            range_m2: self.options.sigma_range_m.powi(2),
+            range_m2: self.range_m2(),
             clock_m2_per_s: self.options.clock.walk_m2_per_s(),
         };
         let members = (&self.state.groups[index], self.own);
@@ -235,6 +232,7 @@ impl<const K: usize> Team<K> {
     /// what is left runs again: what follows it must not have seen it.
     fn run_gated(&mut self, index: usize, base: usize, column: &mut [f64]) {
         let (n, late) = (column.len(), self.options.clock.late());
+        let (told_m2, used_m2) = (self.options.sigma_range_m.powi(2), self.range_m2());
         self.scratch.mean.clone_from(&self.state.groups[index].mean);
         loop {
             self.run(index, base, n);
@@ -249,7 +247,7 @@ impl<const K: usize> Team<K> {
                 let seen = CloudInnovation::of(particles);
                 let own = matches!(op, Op::RangeToOwn { own: 1, .. });
                 if own {
-                    record.judged(&seen, late.as_ref());
+                    record.judged(&seen, late.as_ref(), told_m2, used_m2);
                 }
                 seen.contradicts(self.options.range_gate_sigmas, late.as_ref()).then_some((place, own))
             });
@@ -327,20 +325,6 @@ impl<const K: usize> Team<K> {
             at.clear();
             at.extend(now.iter().map(|x| x - back[axis]));
         }
-    }
-
-    /// Weighs the particles by a packet, softened if it would leave too few.
-    fn weigh(&mut self, mut column: Vec<f64>) {
-        let cloud = &mut self.terrain.state.core.cloud;
-        let least = self.options.least_ess_share * cloud.len() as f64;
-        for _ in 0..SOFTENINGS {
-            if least <= 0.0 || cloud.ess_after(&column) >= least {
-                break;
-            }
-            column.iter_mut().for_each(|l| *l *= 0.25);
-        }
-        cloud.reweight(column);
-        self.resample();
     }
 }
 
