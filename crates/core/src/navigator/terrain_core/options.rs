@@ -58,6 +58,8 @@ pub struct TerrainOptions {
     pub acquisition_particles: usize,
     /// Begin anywhere on the chart at the first sounding, where no fix came before it.
     pub start_anywhere: bool,
+    /// Kernel width for the information of each update, m; `None`: not measured.
+    pub update_entropy_sigma_m: Option<f64>,
     /// Process noise and priors.
     pub drift: Drift,
 }
@@ -83,6 +85,7 @@ impl TerrainOptions {
             ("correlation_length_m", self.correlation_length_m),
             ("sigma_map_m", self.sigma_map_m),
             // Infinite for a Gaussian.
+            ("update_entropy_sigma_m", self.update_entropy_sigma_m),
             ("student_dof", Some(self.student_dof).filter(|dof| *dof != f64::INFINITY)),
         ];
         values.extend(optional.into_iter().filter_map(|(option, value)| Some((option, value?))));
