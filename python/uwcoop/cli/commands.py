@@ -18,6 +18,7 @@ from uwcoop.cli.options import (
     SeedOption,
     SetOption,
 )
+from uwcoop.cli.reproduce_command import reproduce
 from uwcoop.cli.scenario_commands import budget, keys, scenarios
 from uwcoop.cli.terminal import (
     OneLineErrors,
@@ -244,6 +245,9 @@ def study(
         say_written(files, output)
     if as_json:
         typer.echo(summary_text(result.summary))
+
+
+app.command()(reproduce)
 
 
 @app.command()
