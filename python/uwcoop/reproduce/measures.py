@@ -132,7 +132,7 @@ def received_share(run: Any, sender: str, receiver: str, navigator: str) -> floa
     packets = run.packets
     own = packets["navigator"] == place
     own &= (packets["sender"] == names.index(sender)) & (packets["receiver"] == names.index(receiver))
-    return float(packets["decoded"][own].mean()) if "decoded" in packets else float(packets["accepted"][own].mean())
+    return float(packets["received"][own].mean())
 
 
 def event_rate(run: Any, kind: str, vehicle: str) -> float:
@@ -140,6 +140,15 @@ def event_rate(run: Any, kind: str, vehicle: str) -> float:
     table = run.log.events[kind]
     index = list(run.log.vehicles).index(vehicle)
     return float((table["vehicle"] == index).sum() / (run.log.duration_ns / 1e9))
+
+
+def silence(run: Any, vehicle: str, navigator: str) -> float:
+    """Median time between two packets that a vehicle received, s."""
+    names = [str(v) for v in run.tracks["vehicle"].values]
+    place = [str(n) for n in run.tracks["navigator"].values].index(navigator)
+    packets = run.packets
+    own = (packets["navigator"] == place) & (packets["receiver"] == names.index(vehicle)) & packets["received"]
+    return float(np.median(np.diff(np.sort(packets["toa_ns"][own]))) / 1e9)
 
 
 def counted(run: Any, navigator: str, counter: str) -> float:
@@ -181,6 +190,19 @@ def offset_ratio(run: Any, navigator: str, to: str, channel: str, last_s: float 
     return offset(run, navigator, channel, last_s) / offset(run, to, channel, last_s)
 
 
+def exchanges(run: Any) -> float:
+    """How often the landmark changed."""
+    from uwcoop.figures.landmark import landmark_spans
+
+    return float(len(landmark_spans(run.log)) - 1)
+
+
+def yaw(study: Any, navigator: str) -> float:
+    """Median over runs and vehicles of the RMS yaw error, degrees."""
+    values = [row["yaw_rmse_deg"] for row in study.rows if row["navigator"] == navigator]
+    return float(np.median([value for value in values if value is not None]))
+
+
 def speed_rate(costs: Any, particles: int) -> float:
     """Times real time."""
     return float(next(row["rate"] for row in costs if row["particles"] == particles))
@@ -195,8 +217,8 @@ MEASURES: dict[str, Callable[..., float]] = {
     each.__name__: each
     for each in (
         pooled, ratio, variants_ratio, share_worse, difference, rms_error, error_ratio, largest_error, sigma,
-        sigma_apart, trace_ratio, aspect, received_share, event_rate, counted, information_ratio, offset,
-        offset_ratio, speed_rate, compression,
+        sigma_apart, trace_ratio, aspect, received_share, event_rate, silence, counted, information_ratio, offset,
+        offset_ratio, exchanges, yaw, speed_rate, compression,
     )
 }  # fmt: skip
 """By name."""

@@ -127,6 +127,26 @@ def _reconstruction(run: Any) -> Figure:
     return reconstruction_figure(run.log, around_fixes(run.log, navigator), navigator)
 
 
+def _particles(run: Any) -> Figure:
+    from uwcoop.experiment.particles_at_fixes import around_fixes
+    from uwcoop.figures.landmark_map import particles_figure
+
+    navigator = str(run.tracks["navigator"].values[0])
+    return particles_figure(run.log, around_fixes(run.log, navigator), navigator)
+
+
+def _roles(run: Any) -> Figure:
+    from uwcoop.figures.landmark_map import roles_figure
+
+    return roles_figure(run.log, run.tracks)
+
+
+def _likelihoods(run: Any) -> Figure:
+    from uwcoop.figures.landmark_likelihood import likelihoods_figure
+
+    return likelihoods_figure(run.log, run.tracks)
+
+
 def _boxes(study: Any) -> Figure:
     from uwcoop.figures.boxes import boxes_figure
 
@@ -149,7 +169,7 @@ def _cost(costs: Any) -> Figure:
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "map": _map, "errors": _errors, "covariance": _covariance, "traffic": _traffic, "information": _information,
     "setup": _setup, "uncertainty": _uncertainty, "origin": _origin, "trajectories": _trajectories,
-    "velocities": _velocities, "offsets": _offsets, "reconstruction": _reconstruction, "boxes": _boxes,
+    "velocities": _velocities, "offsets": _offsets, "reconstruction": _reconstruction, "particles": _particles, "roles": _roles, "likelihoods": _likelihoods, "boxes": _boxes,
     "averages": _averages, "cost": _cost,
 }  # fmt: skip
 """By name."""
