@@ -66,6 +66,7 @@ fn events(seconds: i64) -> Vec<Event> {
                     range_m: Some(radius),
                     own_bearing_rad: Some(wrap((-y).atan2(-x) - yaw)),
                     peer_bearing_rad: Some(wrap(pose(t - 0.7)[1].atan2(pose(t - 0.7)[0]))),
+                    peer_depth_m: None,
                 },
             ));
         }
@@ -108,6 +109,7 @@ fn compression(c: &mut Criterion) {
                     range_m: None,
                     own_bearing_rad: None,
                     peer_bearing_rad: None,
+                    peer_depth_m: None,
                 };
                 n.handle(&Event { t_ns, vehicle: 1, payload: acoustic })?;
                 n.handle(&Event { t_ns, vehicle: 1, payload: Payload::Landed })?;

@@ -27,8 +27,18 @@ pub struct Cloud<const K: usize> {
     log_weights: Vec<f64>,
     weights: Vec<f64>,
     ess: f64,
+    information: Option<Information>,
     #[serde(skip)]
     scratch: Scratch,
+}
+
+/// What measurement updates (18) told about the position, by the entropy (19)–(21).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Information {
+    /// Width of the kernel, m.
+    pub sigma_m: f64,
+    /// All updates so far: prior after the prediction (5), posterior before resampling, nat.
+    pub total_nat: f64,
 }
 
 /// Memory that is reused from step to step and carries no state.
@@ -69,6 +79,7 @@ impl<const K: usize> Cloud<K> {
             log_weights: vec![0.0; count],
             weights: vec![0.0; count],
             ess: count as f64,
+            information: None,
             scratch: Scratch::default(),
         };
         cloud.equalise();
@@ -107,6 +118,18 @@ impl<const K: usize> Cloud<K> {
     #[must_use]
     pub fn weights(&self) -> &[f64] {
         &self.weights
+    }
+
+    /// Measures what each change of the weights tells, with a kernel of this width, from now on; O(N²) each.
+    pub fn measure_information(&mut self, sigma_m: f64) {
+        let total_nat = self.information_nat().unwrap_or(0.0);
+        self.information = Some(Information { sigma_m, total_nat });
+    }
+
+    /// What all changes of the weights told so far, nat; `None` where it is not measured.
+    #[must_use]
+    pub fn information_nat(&self) -> Option<f64> {
+        self.information.map(|information| information.total_nat)
     }
 
     /// Effective sample size (13).
@@ -167,8 +190,14 @@ impl<const K: usize> Cloud<K> {
         if !added.iter().any(|l| l.is_finite()) {
             return None;
         }
+        let before = self.information.map(|_| self.weights.clone());
         let (evidence_nat, squares) = weights::update(&self.log_weights, added, &mut self.weights)?;
         std::mem::swap(added, &mut self.log_weights);
+        if let (Some(information), Some(before)) = (&mut self.information, before) {
+            let [east, north] = [&self.east, &self.north];
+            information.total_nat +=
+                weights::entropy_drop(&before, &self.weights, east, north, information.sigma_m);
+        }
         self.ess = 1.0 / squares;
         Some(evidence_nat)
     }

@@ -100,12 +100,14 @@ pub enum Payload {
         peer: VehicleId,
         /// When the exchange began, ns.
         transmit_ns: i64,
-        /// Two-way range, m.
+        /// Slant range from the two-way travel time, m.
         range_m: Option<f64>,
         /// Direction to the peer, own body frame, rad.
         own_bearing_rad: Option<f64>,
         /// Direction to this vehicle as the peer's reply tells it, the peer's body frame, rad.
         peer_bearing_rad: Option<f64>,
+        /// The peer's depth below the surface as its reply tells it, m.
+        peer_depth_m: Option<f64>,
     },
     /// The vehicle stands on the seabed.
     Landed,
@@ -210,7 +212,8 @@ impl Payload {
                 bounds::FIX_N.check(*n)?;
                 check_fix_covariance([*ee, *en, *nn])
             }
-            Self::AcousticFix { range_m, own_bearing_rad, peer_bearing_rad, .. } => {
+            Self::AcousticFix { range_m, own_bearing_rad, peer_bearing_rad, peer_depth_m, .. } => {
+                peer_depth_m.map_or(Ok(()), |m| bounds::ACOUSTIC_PEER_DEPTH.check(m))?;
                 range_m.map_or(Ok(()), |m| bounds::ACOUSTIC_RANGE.check(m))?;
                 own_bearing_rad.map_or(Ok(()), |rad| bounds::ACOUSTIC_OWN.check(rad))?;
                 peer_bearing_rad.map_or(Ok(()), |rad| bounds::ACOUSTIC_PEER.check(rad))

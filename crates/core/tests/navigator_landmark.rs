@@ -149,6 +149,7 @@ fn events_that_no_honest_source_sends_change_nothing() {
             range_m,
             own_bearing_rad: own,
             peer_bearing_rad: peer,
+            peer_depth_m: None,
         };
         let before = navigator.snapshot().unwrap();
         for payload in [
@@ -292,6 +293,7 @@ fn untold(mut team: Fleet, seed: u64) -> (Seafloor, Fleet) {
         range_m: Some(sea.truth[1][0].hypot(sea.truth[1][1])),
         own_bearing_rad: None,
         peer_bearing_rad: None,
+        peer_depth_m: None,
     };
     team[1].handle(&event(sea.t_ns, 1, heard)).unwrap();
     let before = team[1].estimate(sea.t_ns);

@@ -74,6 +74,7 @@ pub fn payload(kind: &str, f: &impl Fields) -> PyResult<Payload> {
             range_m: some_finite(f.number("range_m")?),
             own_bearing_rad: some_finite(f.number("own_bearing_rad")?),
             peer_bearing_rad: some_finite(f.number("peer_bearing_rad")?),
+            peer_depth_m: some_finite(f.number("peer_depth_m")?),
         },
         "landed" => Payload::Landed,
         "lifted_off" => Payload::LiftedOff,
@@ -304,12 +305,20 @@ impl Event {
                     d.set_item(name, value)?;
                 }
             }
-            Payload::AcousticFix { peer, transmit_ns, range_m, own_bearing_rad, peer_bearing_rad } => {
+            Payload::AcousticFix {
+                peer,
+                transmit_ns,
+                range_m,
+                own_bearing_rad,
+                peer_bearing_rad,
+                peer_depth_m,
+            } => {
                 d.set_item("peer", peer)?;
                 d.set_item("transmit_ns", transmit_ns)?;
                 d.set_item("range_m", nan(range_m))?;
                 d.set_item("own_bearing_rad", nan(own_bearing_rad))?;
                 d.set_item("peer_bearing_rad", nan(peer_bearing_rad))?;
+                d.set_item("peer_depth_m", nan(peer_depth_m))?;
             }
             Payload::RoleTaken { landmark } => d.set_item("landmark", landmark)?,
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {

@@ -118,7 +118,7 @@ fn systematic_resample<'py>(
 /// (low, fire) for each positioning of a sequence; `monitor_reading`: linear or log.
 type Alarms<'py> = (Bound<'py, PyArray1<bool>>, Bound<'py, PyArray1<bool>>);
 
-/// The monitor over a sequence of ln L̄ and ln L_max.
+/// The monitor over a sequence of ln L̄ and ln L_max of complete positionings.
 #[pyfunction]
 fn landmark_monitor<'py>(
     py: Python<'py>,
@@ -133,7 +133,7 @@ fn landmark_monitor<'py>(
     same("log_max", most.len(), mean.len())?;
     let mut monitor = Monitor::default();
     let (low, fire): (Vec<bool>, Vec<bool>) =
-        mean.iter().zip(most.iter()).map(|(a, b)| monitor.observe(*a, *b, &rule)).unzip();
+        mean.iter().zip(most.iter()).map(|(a, b)| monitor.observe(*a, *b, true, &rule)).unzip();
     Ok((low.into_pyarray(py), fire.into_pyarray(py)))
 }
 

@@ -19,6 +19,7 @@ from uwcoop.cli.options import (
     SeedOption,
     SetOption,
 )
+from uwcoop.cli.reproduce_command import reproduce
 from uwcoop.cli.scenario_commands import budget, keys, scenarios
 from uwcoop.cli.terminal import (
     OneLineErrors,
@@ -61,6 +62,7 @@ EXAMPLES = {
     "simulate": "uwcoop simulate poor-bay --seed 3 -o mission.mcap",
     "run": "uwcoop run flat-bay --navigator mpf,team -o out",
     "study": "uwcoop study flat-bay --runs 50 --navigator mpf,team --vary acoustics.loss.probability=0.0,0.4 -o loss",
+    "reproduce": "uwcoop reproduce walls2012 --quick -o walls2012",
     "view": "uwcoop view out",
 }
 """One for each command, at the end of its help."""
@@ -103,7 +105,7 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-for _command in (scenarios, keys, budget, chart_command):
+for _command in (scenarios, keys, budget, chart_command, reproduce):
     app.command(epilog=_example(_command.__name__))(_command)
 
 

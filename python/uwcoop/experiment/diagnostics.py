@@ -25,12 +25,13 @@ TEXTS = {
     "teammate_longest_unheard_s": "time since the last packet of the teammate that was silent longest",
     "teammate_largest_sigma_m": "largest position sigma of a teammate, at the launch of its last packet",
     "origin_age_s": "age of the origin of the newest node",
-    "origin_correlation": "correlation of the newest node with its origin",
+    "origin_correlation": "correlation of the newest node with its origin, of the axis where it is larger",
+    "updates_information_nat": "mutual information of the position and all measurement updates so far",
     "graph_nodes": "nodes of the pose graph",
 }
 """Text of each diagnostic of the packaged navigators that has one; the name says the others."""
 
-_UNITS = {"_radps": "rad/s", "_mps": "m/s", "_rad": "rad", "_m": "m", "_s": "s", "_ns": "ns", "_m2": "m2"}
+_UNITS = {"_radps": "rad/s", "_mps": "m/s", "_rad": "rad", "_m": "m", "_s": "s", "_ns": "ns", "_nat": "nat", "_m2": "m2"}
 
 
 def attributes_of(name: str) -> dict[str, str]:

@@ -10,7 +10,7 @@ import numpy as np
 from uwcoop import acoustics
 from uwcoop.errors import NavigatorError, ScheduleError
 from uwcoop.experiment.packet_contents import packet_bytes, packet_fields
-from uwcoop.navigators import NAVIGATORS, options_of
+from uwcoop.navigators import NAVIGATORS, options_of, spec_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -85,7 +85,7 @@ def default_navigators(setup: MissionSetup, vehicles: int) -> list[str]:
             raise NavigatorError(f"navigators lists {name!r} {listed.count(name)} times: must be once")
     fits = []
     for name in listed or [name for name, spec in NAVIGATORS.items() if not spec.listed_only]:
-        if NAVIGATORS[name].needs_bandwidth:
+        if spec_of(name).needs_bandwidth:
             try:
                 check_packets_fit([name], setup, vehicles)
             except ScheduleError:

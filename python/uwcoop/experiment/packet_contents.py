@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from uwcoop import _native, acoustics
 from uwcoop.errors import NavigatorError, ScheduleError
-from uwcoop.navigators import NAVIGATORS, Context, build, options_of
+from uwcoop.navigators import Context, build, options_of, spec_of
 
 if TYPE_CHECKING:
     from uwcoop.scenario.setup import MissionSetup
@@ -61,7 +61,7 @@ def packet_of(
 ) -> tuple[bytes | None, tuple[Field, ...]]:
     """A packaged navigator's packet and its fields. As `packet_bytes`."""
     options = options_of(name, setup)
-    if NAVIGATORS[name].central:
+    if spec_of(name).central:
         return None, ()
     plan = setup.acoustics
     if plan is None:
@@ -153,6 +153,7 @@ def _landed_beside_the_landmark(navigator: _native.Navigator) -> int:
                 "range_m": math.hypot(east, north),
                 "own_bearing_rad": math.atan2(-north, -east) - 0.1,
                 "peer_bearing_rad": math.atan2(north, east),
+                "peer_depth_m": 2.0,
             }
             asked_ns = at - 500_000_000
             navigator.handle(_native.Event(at, 0, "acoustic_fix", peer=1, transmit_ns=asked_ns, **positioned))

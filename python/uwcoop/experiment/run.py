@@ -22,7 +22,7 @@ from uwcoop.experiment.mission import has_happened, open_mission
 from uwcoop.experiment.navigator_choice import check_packets_fit, check_plan_fits, default_navigators
 from uwcoop.experiment.tracks import clouds_of, packets_of, sent_by, tracks_of
 from uwcoop.missionlog import MissionLog
-from uwcoop.navigators import NAVIGATORS, Context, Custom, PythonNavigator, build, build_central, options_of
+from uwcoop.navigators import Context, Custom, PythonNavigator, build, build_central, options_of, spec_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -224,6 +224,6 @@ def _estimators(
     if isinstance(navigator, Custom):
         return [navigator.make(context) for context in contexts]
     options = options_of(navigator, log.setup)
-    if NAVIGATORS[navigator].central:
+    if spec_of(navigator).central:
         return build_central(navigator, contexts[0], options)
     return [build(navigator, context, options, chart) for context in contexts]

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 AFTER_S = 5.0
 """The error is the mean over so many seconds after the reception: the air time and a few soundings."""
 BINS = 10
+UPDATES = "updates_information_nat"
 _LEAST_IN_BIN = 5
 _MOST_POINTS = 3000
 _LOG_ABOVE = 12.0
@@ -35,7 +36,10 @@ class Gain(NamedTuple):
 
 
 def information_figure(tracks: xr.Dataset, *, title: str) -> Figure:
-    """Mean error in the seconds after a reception, by how much information the reception gave.
+    """Mean error in the seconds after a reception, or a measurement update, by how much information it gave.
+
+    With `updates_information_nat` every navigator is drawn at its own updates, each with its own information (Fig. 8 of
+    Tan, Chitre & Hover 2016); else at receptions.
 
     Points are receptions; large marks are their means in bins of equal counts, with the standard error of
     the mean. A navigator that never hears anything is drawn, dashed, at the receptions of the best that
@@ -71,8 +75,9 @@ def information_figure(tracks: xr.Dataset, *, title: str) -> Figure:
     pad = 0.04 * max(float(high - low), 1e-3)
     axes.set_xlim(float(low) - pad, float(high) + pad)
     axes.grid(alpha=0.3, lw=0.6)
+    what = "a measurement update" if UPDATES in tracks else "a reception"
     axes.set(
-        xlabel="information that a reception gave about the position (nat)",
+        xlabel=f"information that {what} gave about the position (nat)",
         ylabel=f"mean error in the {AFTER_S:g} s after it (m)",
     )
     figure.legend(
@@ -83,7 +88,7 @@ def information_figure(tracks: xr.Dataset, *, title: str) -> Figure:
         handlelength=3,
     )
     pooled = "" if tracks.sizes.get("variant", 1) == 1 else " (all variants)"
-    figure.suptitle(f"{title}{pooled}: information gain at receptions against error", fontsize=12)
+    figure.suptitle(f"{title}{pooled}: information of {what} against error", fontsize=12)
     return figure
 
 
@@ -93,10 +98,13 @@ def gains_of(tracks: xr.Dataset) -> list[Gain]:
     Raises:
         TracksError: no information gain in the tracks, or no truth.
     """
-    if "mutual_information" not in tracks:
-        raise TracksError("no information gain is recorded: set diagnostics.entropy = at_reception")
     order = ("navigator", ..., "time")
-    gained = tracks["mutual_information"].transpose(*order).values.astype(np.float64)
+    if UPDATES in tracks:
+        gained = _of_updates(tracks[UPDATES].transpose(*order).values.astype(np.float64))
+    elif "mutual_information" in tracks:
+        gained = tracks["mutual_information"].transpose(*order).values.astype(np.float64)
+    else:
+        raise TracksError("no information gain is recorded: set diagnostics.entropy = at_updates or at_reception")
     error = tracks["error_m"] if "error_m" in tracks else metrics.errors(tracks)
     after = _mean_after(error.transpose(*order).values.astype(np.float64), tracks["time"].values)
     settled = tracks["time"].values > float(tracks.attrs["settle_s"])
@@ -113,6 +121,12 @@ def gains_of(tracks: xr.Dataset) -> list[Gain]:
     if not gains:
         raise TracksError("no reception after settling has both an information gain and a known error")
     return gains
+
+
+def _of_updates(total_nat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What the updates since the instant before told; NaN where there were none."""
+    gained = np.diff(total_nat, axis=-1, prepend=np.nan)
+    return np.where(gained == 0, np.nan, gained)
 
 
 def binned(
@@ -153,7 +167,7 @@ def _draw(axes: Axes, gain: Gain, names: list[str], rng: np.random.Generator) ->
     some = rng.permutation(len(x))[:_MOST_POINTS]
     size, alpha = (3, 0.3) if len(x) > 500 else (6, 0.5)
     axes.plot(x[some], y[some], ls="", marker=".", ms=size, mew=0, color=colour, alpha=alpha, zorder=2)
-    label = f"{names[gain.navigator]} ({len(x)} receptions)" if own else (
+    label = f"{names[gain.navigator]} ({len(x)} times)" if own else (
         f"{names[gain.navigator]} at the receptions of {names[gain.heard_by]}"
     )  # fmt: skip
     mean_x, mean_y, spread = binned(x, y)

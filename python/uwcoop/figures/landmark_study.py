@@ -13,6 +13,11 @@ from uwcoop.figures.style import DPI, OKABE_ITO, matplotlib_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+PAPER_COMPRESSION_S = 20.0
+"""Compression of 10,000 particles at an exchange, on a computer of 2013 (Table 5)."""
+PAPER_RATES = {3000: 10, 10000: 5}
+"""Times real time by number of particles."""
+
 
 def cost_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
     """CPU time of a mission and of one compression (Fig. 16), and the mission's time over it (Fig. 17).
@@ -30,6 +35,12 @@ def cost_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
     ):
         left.plot(count, [row[key] for row in table], color=colour, marker=marker, ms=5, label=name)
     right.plot(count, [row["rate"] for row in table], color=OKABE_ITO[0], marker="D", ms=5)
+    left.axhline(PAPER_COMPRESSION_S, color="#666666", lw=0.9, ls="--")
+    left.text(count[0], PAPER_COMPRESSION_S, "the paper's compression, 10,000 particles", fontsize=7, va="bottom")
+    right.plot(*zip(*PAPER_RATES.items(), strict=True), ls="", marker="x", ms=8, mew=2, color="#111111")
+    for particles, rate in PAPER_RATES.items():
+        right.annotate(f"the paper: {rate}×", (particles, rate), xytext=(-8, 8), textcoords="offset points",
+                       ha="right", fontsize=7)  # fmt: skip
     left.set(xscale="log", yscale="log", xlabel="particles", ylabel="CPU time (s)")
     right.set(xscale="log", yscale="log", xlabel="particles", ylabel="mission time / CPU time")
     left.legend(fontsize=8, frameon=False)

@@ -112,11 +112,26 @@ def _sensors(axes: Axes, log: MissionLog) -> None:
                 continue
             rate = count / (log.duration_ns / 1e9)
             lines.append(f"   {name:<12}{_rate(count, rate):>12}   {_sigma(table, j)}")
+        lines.extend(_modem(log, j))
     axes.text(
         0.0, 1.0, "\n".join(lines[:26]), va="top", ha="left", family="monospace", fontsize=8.5,
         transform=axes.transAxes,
     )  # fmt: skip
     axes.set_title("sensors: events per second, sigma", fontsize=10, loc="left")
+
+
+def _modem(log: MissionLog, vehicle: int) -> list[str]:
+    """The modem as a sensor: how often a signal can be heard, and the sigma of a range."""
+    for table in (log.opportunities, log.receptions):
+        if table is not None and len(table["receiver"]):
+            at_s = np.unique(table["toa_ns"][table["receiver"] == vehicle]) / 1e9
+            if at_s.size < 2:
+                return []
+            plan = log.setup.acoustics
+            sigma = "" if plan is None else f"{plan.range_sigma_m:g} m"
+            every = f"{float(np.median(np.diff(at_s))):.3g} s"
+            return [f"   {'modem range':<12}{'each ' + every:>12}   {sigma}"]
+    return []
 
 
 def _rate(count: int, rate_hz: float) -> str:

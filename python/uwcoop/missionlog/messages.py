@@ -70,6 +70,21 @@ float64 range_m
 # direction of the peer from the vehicle, and of the vehicle from the peer
 float64 own_bearing_rad
 float64 peer_bearing_rad
+# depth of the peer below the surface, metres, as its reply tells it
+float64 peer_depth_m
+""",
+    "AcousticFixWithoutDepth": f"""\
+# Of earlier logs, not written any more: mutual positioning with one peer, completed at the stamp; NaN: not measured.
+std_msgs/Header header
+{_INDEX}
+int32 peer
+# launch of the request, nanoseconds of mission time
+int64 transmit_ns
+# slant range from the two-way travel time
+float64 range_m
+# direction of the peer from the vehicle, and of the vehicle from the peer
+float64 own_bearing_rad
+float64 peer_bearing_rad
 """,
     "AcousticSlot": f"""\
 # A transmit slot of the TDMA schedule; the stamp is the time of launch.

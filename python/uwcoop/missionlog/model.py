@@ -39,6 +39,7 @@ EVENT_COLUMNS: dict[str, dict[str, str]] = {
     "fix": {"e_m": "f8", "n_m": "f8", "cov_ee_m2": "f8", "cov_en_m2": "f8", "cov_nn_m2": "f8"},
     "acoustic_fix": {
         "peer": "i8", "transmit_ns": "i8", "range_m": "f8", "own_bearing_rad": "f8", "peer_bearing_rad": "f8",
+        "peer_depth_m": "f8",
     },
     "landed": {},
     "lifted_off": {},

@@ -22,7 +22,7 @@ _BOUNDS = {(kind, field): (*bounds, above) for kind, field, *bounds, above in ev
 # A log may hold fixes of unknown covariance, all zeros: they get one before a navigator sees them.
 for _variance in ("cov_ee_m2", "cov_nn_m2"):
     _BOUNDS["fix", _variance] = (0.0, *_BOUNDS["fix", _variance][1:])
-_OPTIONAL = {"range_m", "own_bearing_rad", "peer_bearing_rad"}  # NaN: not measured
+_OPTIONAL = {"range_m", "own_bearing_rad", "peer_bearing_rad", "peer_depth_m"}  # NaN: not measured, not told
 # Rounding may leave a singular covariance this much below zero, relative to its diagonal.
 _CORRELATION_SLACK = 1e-9
 

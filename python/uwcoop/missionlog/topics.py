@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
@@ -53,6 +53,8 @@ class EventTopic:
     frame: Literal["map", "base_link"]
     places: Mapping[str, tuple[At, ...]]
     constants: Mapping[At, float] = field(default_factory=dict)
+    earlier: str = ""
+    """Message type with fewer fields that earlier logs hold; what it lacks is NaN."""
 
 
 _POSE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -131,6 +133,7 @@ EVENT_TOPICS: dict[str, EventTopic] = {
     "acoustic_fix": EventTopic(
         "acoustic_fix", "uwcoop_msgs/msg/AcousticFix", "base_link",
         {name: (At(name),) for name in EVENT_COLUMNS["acoustic_fix"]},
+        earlier="uwcoop_msgs/msg/AcousticFixWithoutDepth",
     ),
     "landed": EventTopic("landed", "std_msgs/msg/Header", "base_link", {}),
     "lifted_off": EventTopic("lifted_off", "std_msgs/msg/Header", "base_link", {}),
@@ -243,14 +246,36 @@ def _decode_events(topic: EventTopic, kind: str, recorded: Recorded, names: Sequ
     spec = {"t_ns": "i8", "vehicle": "i8", **EVENT_COLUMNS[kind]}
     parts: list[Columns] = []
     for vehicle, namespace in enumerate(names):
-        records = read_topic(recorded, f"/{namespace}/{topic.suffix}", _event_layout(topic, namespace))
-        part: dict[str, Any] = {name: _get(records, places[0]) for name, places in topic.places.items()}
+        records = _read_events(topic, recorded, namespace)
+        unknown = np.full(records.size, np.nan)
+        part: dict[str, Any] = {
+            name: _get(records, places[0]) if _holds(records, places[0]) else unknown
+            for name, places in topic.places.items()
+        }
         parts.append(
             columns(spec, t_ns=stamps(records), vehicle=np.full(records.size, vehicle), **part),
         )
     joined = {name: np.concatenate([part[name] for part in parts]) for name in spec}
     order = np.lexsort((joined["vehicle"], joined["t_ns"]))
     return {name: column[order] for name, column in joined.items()}
+
+
+def _read_events(topic: EventTopic, recorded: Recorded, namespace: str) -> Records:
+    name = f"/{namespace}/{topic.suffix}"
+    try:
+        return read_topic(recorded, name, _event_layout(topic, namespace))
+    except LogError:
+        if not topic.earlier:
+            raise
+        try:
+            return read_topic(recorded, name, _event_layout(replace(topic, msgtype=topic.earlier), namespace))
+        except LogError:
+            pass
+        raise
+
+
+def _holds(records: Records, place: At) -> bool:
+    return place.path in (records.dtype.names or ())
 
 
 def _event_layout(topic: EventTopic, namespace: str) -> Layout:

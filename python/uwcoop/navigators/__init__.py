@@ -9,9 +9,11 @@ from uwcoop.navigators.registry import (
     Spec,
     build,
     build_central,
+    is_packaged,
     not_realisable,
     options_of,
     read_options,
+    spec_of,
 )
 from uwcoop.navigators.team import TeamOptions
 
@@ -34,7 +36,9 @@ __all__ = [
     "TeamOptions",
     "build",
     "build_central",
+    "is_packaged",
     "not_realisable",
     "options_of",
     "read_options",
+    "spec_of",
 ]

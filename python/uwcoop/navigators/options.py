@@ -78,6 +78,8 @@ class DmpfOptions(FilterOptions, method="dmpf"):
 
     entropy_sigma_m: float | None = FROM_CORE
     """Kernel width of the entropies (20)-(21), for the information gained from a range; set by `diagnostics.entropy`."""
+    update_entropy_sigma_m: float | None = FROM_CORE
+    """Kernel width of the same entropies over whole measurement updates (18); set by `diagnostics.entropy`."""
     packet: Literal["rounded", "f64", "modes", "particles"] = FROM_CORE
     """Broadcast belief: 15 bytes, or 47 as float64; `modes`: a Gaussian mixture (section 7); or all particles (section
     5.1), 24 bytes each."""
@@ -87,8 +89,8 @@ class DmpfOptions(FilterOptions, method="dmpf"):
     """ℓ, the number of depth differences along the vehicle's track."""
     sigma_like_m: float = FROM_CORE
     """Sigma of a difference in (15). The paper states none; 0.05 m times √ℓ, since each sounding is used ℓ times."""
-    roughening_m2: float = FROM_CORE
-    """Variance of the roughening after resampling, per axis."""
+    roughening_m2: float | None = FROM_CORE
+    """Variance of the roughening after resampling, per axis; None: twice the resolution of the chart."""
     use_terrain: bool = FROM_CORE
     """Use soundings."""
     range_method: Literal["eq17", "gaussian"] = FROM_CORE
@@ -102,6 +104,8 @@ class DmpfOptions(FilterOptions, method="dmpf"):
 class TerrainOptions(FilterOptions, method="mpf"):
     """Options that `mpf` and `team` share: the terrain core."""
 
+    update_entropy_sigma_m: float | None = FROM_CORE
+    """Kernel width of the entropies over measurement updates; set by `diagnostics.entropy = "at_updates"`."""
     sigma_depth_m: float | None = FROM_CORE
     """Sigma of a sounding; None: what the sensor states."""
     sigma_offset0_m: float = FROM_CORE

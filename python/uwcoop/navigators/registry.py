@@ -32,11 +32,14 @@ __all__ = [
     "NAVIGATORS",
     "Options",
     "Spec",
+    "base_name",
     "build",
     "build_central",
+    "is_packaged",
     "not_realisable",
     "options_of",
     "read_options",
+    "spec_of",
 ]
 
 Options: TypeAlias = NavigatorOptions
@@ -109,7 +112,7 @@ def options_of(name: str, setup: MissionSetup | None = None) -> Options:
     known = spec.options.model_fields
     setup = MissionSetup() if setup is None else setup
     common = setup.navigator.common
-    unknown = sorted(set(setup.navigator.own) - set(NAVIGATORS))
+    unknown = sorted(each for each in setup.navigator.own if base_name(each) not in NAVIGATORS)
     if unknown:
         raise NavigatorError(f"navigator.{unknown[0]}: no such navigator{_nearest(unknown[0], NAVIGATORS)}")
     every = {field for each in NAVIGATORS.values() for field in each.options.model_fields}
@@ -120,7 +123,7 @@ def options_of(name: str, setup: MissionSetup | None = None) -> Options:
             )
     # What makes a navigator what its name says is not for `all` to change.
     implied = {key: value for key, value in common.items() if key in known and key not in spec.fixed}
-    own = dict(setup.navigator.own.get(name, {}))
+    own = {**setup.navigator.own.get(base_name(name), {}), **setup.navigator.own.get(name, {})}
     implied = _implied_by_setup(spec, setup, {**implied, **own}) | implied
     if "clock" in known and "clock" in own and setup.acoustics is not None:
         own["clock"] = clock_of(setup.acoustics) | dict(own["clock"])
@@ -130,7 +133,7 @@ def options_of(name: str, setup: MissionSetup | None = None) -> Options:
                 f"navigator.{name}.{option} is {own[option]}: this navigator has it at {value}"
             )
     chosen = _validated(name, {**implied, **own, **spec.fixed})
-    unread = dict(_native.unread_options(name, chosen.stated()))
+    unread = dict(_native.unread_options(base_name(name), chosen.stated()))
     for option in own:
         if option in unread and option not in spec.fixed:
             raise NavigatorError(f"navigator.{name}.{option}: not read, because {unread[option]}")
@@ -144,6 +147,8 @@ def _implied_by_setup(spec: Spec, setup: MissionSetup, stated: Mapping[str, Any]
     found: dict[str, Any] = {}
     if setup.diagnostics.entropy == "at_reception" and "entropy_sigma_m" in known:
         found["entropy_sigma_m"] = setup.diagnostics.entropy_sigma_m
+    if setup.diagnostics.entropy == "at_updates" and "update_entropy_sigma_m" in known:
+        found["update_entropy_sigma_m"] = setup.diagnostics.entropy_sigma_m
     if setup.acoustics is not None and "packet_form" in known:
         found["packet_form"] = setup.acoustics.packet
     if setup.acoustics is not None and "clock" in known:
@@ -170,7 +175,7 @@ def _validated(name: str, stated: Mapping[str, Any]) -> Options:
 def read_options(name: str, chosen: Options) -> dict[str, Any]:
     """Every option that the navigator reads, with its value; what is None, and follows sensor, chart or preset, is left
     out."""
-    unread = dict(_native.unread_options(name, chosen.stated()))
+    unread = dict(_native.unread_options(base_name(name), chosen.stated()))
     values = chosen.model_dump(exclude_none=True)
     fixed = _spec(name).fixed
     return {key: value for key, value in values.items() if key in fixed or key not in unread}
@@ -208,7 +213,7 @@ def build(name: str, context: Context, options: Options, chart: _native.Chart | 
             f"navigator {name!r} is one estimator for the whole team: build_central makes it, not build"
         )
     return _native.make_navigator(
-        name,
+        base_name(name),
         context.vehicle,
         context.vehicles,
         context.sound_speed_mps,
@@ -229,18 +234,38 @@ def build_central(name: str, context: Context, options: Options) -> CentralEstim
     if not _spec(name).central:
         raise NavigatorError(f"navigator {name!r} is of one vehicle: build makes it, not build_central")
     ranging, stated = list(context.ranging), options.stated()
-    return _native.make_central(name, context.vehicles, context.sound_speed_mps, ranging, stated)
+    return _native.make_central(base_name(name), context.vehicles, context.sound_speed_mps, ranging, stated)
 
 
 def not_realisable(names: Iterable[str]) -> set[str]:
     """Those of the names that are packaged navigators which use information that no vehicle has."""
-    return {name for name in names if name in NAVIGATORS and not NAVIGATORS[name].realisable}
+    return {name for name in names if is_packaged(name) and not _spec(name).realisable}
+
+
+def base_name(name: str) -> str:
+    """The packaged navigator of a variant: `dmpf@2000` is `dmpf` with the options of `[navigator."dmpf@2000"]` over
+    those of `[navigator.dmpf]`, beside it in one run or study."""
+    return name.partition("@")[0]
+
+
+def is_packaged(name: str) -> bool:
+    """Whether it is a packaged navigator or a variant of one."""
+    return base_name(name) in NAVIGATORS
+
+
+def spec_of(name: str) -> Spec:
+    """What a packaged navigator, or a variant of one, is.
+
+    Raises:
+        NavigatorError: there is none of this name.
+    """
+    return _spec(name)
 
 
 def _spec(name: str) -> Spec:
-    if name not in NAVIGATORS:
-        raise NavigatorError(f"navigator {name!r} is unknown{_nearest(name, NAVIGATORS)}")
-    return NAVIGATORS[name]
+    if not is_packaged(name):
+        raise NavigatorError(f"navigator {name!r} is unknown{_nearest(base_name(name), NAVIGATORS)}")
+    return NAVIGATORS[base_name(name)]
 
 
 def _nearest(name: str, known: Any) -> str:

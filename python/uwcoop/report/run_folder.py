@@ -75,11 +75,11 @@ def resolved_scenario(result: RunResult) -> dict[str, Any]:
 
     `scenario.load` reads it back, so that a result can be had again when defaults have changed.
     """
-    from uwcoop.navigators import NAVIGATORS, options_of, read_options
+    from uwcoop.navigators import is_packaged, options_of, read_options
 
     took_part = [str(name) for name in result.tracks["navigator"].values]
     setup = result.log.setup
-    options = {name: read_options(name, options_of(name, setup)) for name in took_part if name in NAVIGATORS}
+    options = {name: read_options(name, options_of(name, setup)) for name in took_part if is_packaged(name)}
     return setup.resolved(result.log.seed, options)
 
 

@@ -37,8 +37,9 @@ class Place(Table):
 class Diagnostics(Table):
     """What navigators work out beside their estimates; slows them down."""
 
-    entropy: Literal["off", "at_reception"] = "off"
-    """At each reception, the mutual information of position and range (Tan, Chitre & Hover 2016, (19)-(21))."""
+    entropy: Literal["off", "at_reception", "at_updates"] = "off"
+    """at_updates: the mutual information (19)-(21) of Tan, Chitre & Hover (2016) over each measurement update (18),
+    soundings and ranges. at_reception: of the range alone, at each reception."""
     entropy_sigma_m: Positive = 5.0
     """Width of the kernel in (21); the paper gives none."""
 

@@ -110,6 +110,7 @@ bounds! {
     ACOUSTIC_RANGE: AcousticFix "acoustic_fix" "range_m", 0.0, RANGE, true;
     ACOUSTIC_OWN: AcousticFix "acoustic_fix" "own_bearing_rad", -ANGLE, ANGLE, false;
     ACOUSTIC_PEER: AcousticFix "acoustic_fix" "peer_bearing_rad", -ANGLE, ANGLE, false;
+    ACOUSTIC_PEER_DEPTH: AcousticFix "acoustic_fix" "peer_depth_m", -100.0, DEEPEST, false;
 }
 
 /// Latest and, negative, earliest time of anything, ns: 73 years about the mission's epoch. Differences of times that

@@ -236,19 +236,63 @@ dispatch! {
 /// Kernel entropy −Σ w_i ln Σ_j w_j exp(−½‖x_i − x_j‖²/σ²) (20)–(21); O(N²).
 #[must_use]
 pub fn kernel_entropy(weights: &[f64], east: &[f64], north: &[f64], sigma_m: f64) -> f64 {
-    let scale = -0.5 / (sigma_m * sigma_m);
     let mut entropy = 0.0;
     for (i, &wi) in weights.iter().enumerate() {
-        let mut density = 0.0;
-        for (j, &wj) in weights.iter().enumerate() {
-            let (de, dn) = (east[i] - east[j], north[i] - north[j]);
-            density += wj * (scale * (de * de + dn * dn)).exp();
-        }
         if wi > 0.0 {
-            entropy -= wi * density.ln();
+            let here = [east[i], north[i]];
+            entropy -= wi * kernel_densities(weights, weights, east, north, here, sigma_m)[0].ln();
         }
     }
     entropy
+}
+
+/// By how much new weights lower the kernel entropy (19) of the same particles; the kernel of each pair is found once.
+#[must_use]
+pub fn entropy_drop(before: &[f64], after: &[f64], east: &[f64], north: &[f64], sigma_m: f64) -> f64 {
+    let mut drop = 0.0;
+    for i in 0..before.len() {
+        let (was, is) = (before[i], after[i]);
+        if was > 0.0 || is > 0.0 {
+            let [old, new] = kernel_densities(before, after, east, north, [east[i], north[i]], sigma_m);
+            drop -= if was > 0.0 { was * old.ln() } else { 0.0 };
+            drop += if is > 0.0 { is * new.ln() } else { 0.0 };
+        }
+    }
+    drop
+}
+
+dispatch! {
+    /// Σ_j w_j exp(−½‖x − x_j‖²/σ²) at one place, for two sets of weights.
+    fn kernel_densities(
+        before: &[f64],
+        after: &[f64],
+        east: &[f64],
+        north: &[f64],
+        here: [f64; 2],
+        sigma_m: f64,
+    ) -> [f64; 2] {
+        let scale = -0.5 / (sigma_m * sigma_m);
+        let (mut old, mut new) = ([0.0; LANES], [0.0; LANES]);
+        let (es, rest_e) = east.as_chunks::<LANES>();
+        let (ns, rest_n) = north.as_chunks::<LANES>();
+        let (bs, rest_b) = before.as_chunks::<LANES>();
+        let (ws, rest_w) = after.as_chunks::<LANES>();
+        for (((e, n), b), a) in es.iter().zip(ns).zip(bs).zip(ws) {
+            for l in 0..LANES {
+                let (de, dn) = (here[0] - e[l], here[1] - n[l]);
+                let kernel = exp(scale * (de * de + dn * dn));
+                old[l] += b[l] * kernel;
+                new[l] += a[l] * kernel;
+            }
+        }
+        for (l, (((e, n), b), a)) in rest_e.iter().zip(rest_n).zip(rest_b).zip(rest_w).enumerate() {
+            let (de, dn) = (here[0] - e, here[1] - n);
+            let kernel = exp(scale * (de * de + dn * dn));
+            old[l] += b * kernel;
+            new[l] += a * kernel;
+        }
+        [lane_sum(old), lane_sum(new)]
+    }
 }
 
 /// Residual resampling (Liu & Chen 1998): ⌊N w⌋ copies of each particle, the R left by inverse CDF on the residual

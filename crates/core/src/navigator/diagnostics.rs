@@ -70,6 +70,7 @@ impl<const K: usize> ParticleCore<K> {
         }
         columns.extend(self.gated.diagnostics());
         columns.push(("restarts", f64::from(self.restarts)));
+        columns.extend(self.cloud.information_nat().map(|nat| ("updates_information_nat", nat)));
         columns
     }
 }

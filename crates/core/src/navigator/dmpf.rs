@@ -51,6 +51,8 @@ pub struct DmpfOptions {
     pub packet: PacketKind,
     /// Modes of a [`PacketKind::Mixture`].
     pub modes: usize,
+    /// Kernel width for the information of each update, m; `None`: not measured.
+    pub update_entropy_sigma_m: Option<f64>,
     /// Process noise and priors.
     pub drift: Drift,
 }
@@ -109,12 +111,17 @@ impl Dmpf {
             ("window", options.window as f64),
         ];
         check_all(&DmpfSettings::bounds(), &values)?;
+        let mut core = ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?;
+        if let Some(sigma_m) = options.update_entropy_sigma_m {
+            check_all(&DmpfSettings::bounds(), &[("update_entropy_sigma_m", sigma_m)])?;
+            core.cloud.measure_information(sigma_m);
+        }
         Ok(Self {
             own,
             options,
             chart,
             state: DmpfState {
-                core: ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?,
+                core,
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
                 last_heard: LastHeard::new(vehicles),
                 soundings: VecDeque::with_capacity(options.window + 1),

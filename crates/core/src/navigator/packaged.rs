@@ -230,6 +230,13 @@ pub fn packaged(name: &str) -> Result<&'static Packaged, Error> {
     })
 }
 
+/// Section 4 of Walls & Eustice (2012): float64, no exact lags, and no health indicator before equation (6).
+///
+/// The joint of a packet counts as exact only where the newest node is its origin, for which (6) is 0/0.
+const MDEIF_PAPER: &str = r#"{
+    "packet_form": "f64", "exact_lags": 0, "use_joint": true, "use_equation_6": true, "health_loss_max": 1e9
+}"#;
+
 /// All of them.
 pub static PACKAGED: &[Packaged] = &[
     Packaged::of::<DriftSettings>(
@@ -284,6 +291,11 @@ pub static PACKAGED: &[Packaged] = &[
         "mdeif",
         "Origin-state method: local pose graphs over a lossy channel (Walls & Eustice 2012, section 4).",
     ),
+    Packaged::listed::<MdeifSettings>(
+        "mdeif-paper",
+        "MDEIF as published: equation (6) at any cost in rounding; the filtered-error model only where (6) has no solution.",
+    )
+    .fixed_at(MDEIF_PAPER),
     Packaged::listed::<BeliefSettings>(
         "nekf",
         "Packets of mean and covariance, correlation ignored (Walls & Eustice 2012, section 2.1).",

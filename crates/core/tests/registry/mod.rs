@@ -228,6 +228,7 @@ fn sensed(vehicle: VehicleId, second: i64) -> Vec<Event> {
             range_m: Some(de.hypot(dn)),
             own_bearing_rad: Some(dn.atan2(de) - yaw_rad),
             peer_bearing_rad: Some((-dn).atan2(-de)),
+            peer_depth_m: None,
         });
     }
     payloads.into_iter().map(|payload| event(t_ns, vehicle, payload)).collect()
@@ -339,12 +340,13 @@ pub fn payload_of(kind: Kind, numbers: &[f64], peer: VehicleId, transmit_ns: i64
             Payload::GroundVelocity { velocity_mps: [f, l], sigma_mps }
         }
         (Kind::Fix, &[e, n, ee, en, nn]) => Payload::Fix { position_m: [e, n], covariance_m2: [ee, en, nn] },
-        (Kind::AcousticFix, &[range, own, peer_bearing]) => Payload::AcousticFix {
+        (Kind::AcousticFix, &[range, own, peer_bearing, peer_depth]) => Payload::AcousticFix {
             peer,
             transmit_ns,
             range_m: Some(range),
             own_bearing_rad: Some(own),
             peer_bearing_rad: Some(peer_bearing),
+            peer_depth_m: Some(peer_depth),
         },
         _ => panic!("{kind:?} has other numbers than {numbers:?}"),
     }

@@ -182,6 +182,7 @@ impl Seafloor {
             range_m: Some((dx.hypot(dy) + SIGMA[0] * self.normal()).max(0.1)),
             own_bearing_rad: Some(wrap(dy.atan2(dx) - own[2] + SIGMA[1] * self.normal())),
             peer_bearing_rad: Some(wrap((-dy).atan2(-dx) - other[2] + SIGMA[2] * self.normal())),
+            peer_depth_m: None,
         }
     }
 

@@ -80,6 +80,7 @@ pub fn range(method: RangeMethod, gate_sigmas: f64) -> Option<RangeOptions> {
 /// `dmpf` as packaged.
 pub fn dmpf_options(particles: usize) -> DmpfOptions {
     DmpfOptions {
+        update_entropy_sigma_m: None,
         particles,
         window: 14,
         sigma_like_m: 0.2,
@@ -97,6 +98,7 @@ pub fn dmpf_options(particles: usize) -> DmpfOptions {
 pub fn mpf_options(particles: usize) -> MpfOptions {
     MpfOptions {
         terrain: TerrainOptions {
+            update_entropy_sigma_m: None,
             particles,
             resample_share: 2.0 / 3.0,
             sigma_depth_m: None,

@@ -240,6 +240,7 @@ def _events(
         "acoustic_fix": event_columns(
             "acoustic_fix", at, fix[:, 0].astype(np.int64), peer=np.zeros(len(fix), dtype=np.int64), transmit_ns=at,
             range_m=fix[:, 2], own_bearing_rad=wrap_angle(fix[:, 3]), peer_bearing_rad=wrap_angle(fix[:, 4]),
+            peer_depth_m=np.full(len(fix), np.nan),  # on the floor of a hall
         ),
         "landed": event_columns("landed", [0], [0]),
         "role_taken": event_columns("role_taken", starts, everyone, landmark=everyone == 0),

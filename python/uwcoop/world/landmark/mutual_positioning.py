@@ -1,7 +1,7 @@
-"""Mutual positioning: two-way range and both directions between a vehicle and the landmark, with what goes wrong.
+"""Mutual positioning: two-way slant range and both directions between a vehicle and the landmark, with what goes wrong.
 
 The vehicle asks at `transmit_ns`. The landmark measures where the question comes from, and answers after its
-turn-around with one signal that tells this direction, and a chirp. The vehicle ranges on the chirp and measures
+turn-around with one signal that tells this direction and its depth, and a chirp. The vehicle ranges on the chirp and measures
 its direction at `t_ns`. In the mission nothing of it depends on a navigator.
 """
 
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 CHANNELS = 3
 """Range, own bearing, peer's bearing."""
+DEPTH_STEP_M = 0.1
+"""The reply tells the landmark's depth in steps of so much."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,9 @@ def acoustic_fixes(
     known = scenario.acoustics.sound_speed_mps / speed
     values = np.column_stack(
         [
-            known * (np.hypot(*out.T) + np.hypot(*back.T)) / 2,
+            known
+            * (_distance(mover, t_s, landmark, t_s) + _distance(mover, received_s, landmark, received_s))
+            / 2,
             np.arctan2(back[:, 1], back[:, 0]) - mover.yaw_at(received_s),
             np.arctan2(-out[:, 1], -out[:, 0]) - landmark.yaw_at(heard_s),
         ]
@@ -116,7 +120,8 @@ def acoustic_fixes(
     valid = luck.measured[index].copy()
     valid[:, 0] &= values[:, 0] > 0  # noise can make a short range negative: the unit drops it
     values[~valid] = np.nan
-    near = np.hypot(*out.T) <= mutual.max_range_m
+    told_m = np.round(landmark.depth_at(replied_s) / DEPTH_STEP_M) * DEPTH_STEP_M
+    near = _distance(mover, t_s, landmark, t_s) <= mutual.max_range_m
     kept = luck.replied[index] & near & (received_s <= mover.end_s) & np.isfinite(values).any(axis=1)
     return {
         "t_ns": np.round(received_s[kept] * 1e9).astype(np.int64),
@@ -126,6 +131,7 @@ def acoustic_fixes(
         "range_m": values[kept, 0],
         "own_bearing_rad": values[kept, 1],
         "peer_bearing_rad": values[kept, 2],
+        "peer_depth_m": told_m[kept],
     }
 
 

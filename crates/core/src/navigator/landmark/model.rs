@@ -126,10 +126,18 @@ pub fn log_likelihoods(offsets: [f64; 3], acoustics: &Acoustics, gate: &Gate) ->
 }
 
 /// ln L_max (16)–(18): only the channels that were measured count.
+///
+/// The paper's likelihood is 1 for an outlier and e^(k²/2) at its peak. That of a mixture is 1 at its peak
+/// ([`log_likelihoods`]): this is then how far the peak lies above an outlier, to be added for the paper's scale.
 #[must_use]
 pub fn log_likelihood_max(measured: &Measurement, acoustics: &Acoustics, gate: &Gate) -> f64 {
-    if matches!(gate, Gate::Mixture { .. }) {
-        return 0.0;
+    if let Gate::Mixture { share, widths } = gate {
+        let above = |c: usize| {
+            let peak = (1.0 - share) / (acoustics.sigma[c] * TAU.sqrt());
+            // Without outliers nothing bounds the likelihood from below; ln(1 + 1/ε) at the least share there is.
+            (peak * widths[c] / share.max(f64::MIN_POSITIVE)).ln_1p()
+        };
+        return (0..3).filter(|c| measured.present()[*c]).map(above).sum();
     }
     let thresholds = acoustics.threshold.iter().zip(measured.present());
     thresholds.map(|(k, present)| if present { 0.5 * k * k } else { 0.0 }).sum()
@@ -172,8 +180,15 @@ impl Default for Monitor {
 impl Monitor {
     /// Whether the average likelihood of one positioning is low, and whether a reconstruction is due.
     ///
-    /// A positioning without any channel (ln L_max = 0) is none: it neither ends nor extends a row of lows.
-    pub fn observe(&mut self, log_mean: f64, log_max: f64, rule: &MonitorRule) -> (bool, bool) {
+    /// A positioning without any channel (ln L_max = 0) is none: it neither ends nor extends a row of lows. Particles can
+    /// be drawn from a complete positioning only: what is due at another one stays due for as long as the row of lows lasts.
+    pub fn observe(
+        &mut self,
+        log_mean: f64,
+        log_max: f64,
+        complete: bool,
+        rule: &MonitorRule,
+    ) -> (bool, bool) {
         if log_max <= 0.0 {
             return (false, false);
         }
@@ -183,7 +198,7 @@ impl Monitor {
         };
         self.since = self.since.saturating_add(1);
         self.lows = if low { self.lows.saturating_add(1) } else { 0 };
-        let fire = self.lows > rule.trials && self.since > rule.trials;
+        let fire = complete && self.lows > rule.trials && self.since > rule.trials;
         if fire {
             *self = Self { lows: 0, since: 0 };
         }

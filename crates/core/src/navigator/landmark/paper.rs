@@ -27,6 +27,7 @@ const PAPER_KINDS: Kinds = Kinds::of(&[
     Kind::TurnRate,
     Kind::Fix,
     Kind::Heading,
+    Kind::Depth,
     Kind::Landed,
     Kind::LiftedOff,
     Kind::RoleTaken,
@@ -187,10 +188,25 @@ impl Navigator for LandmarkPaper {
             }
             Payload::Fix { position_m, covariance_m2 } => self.fix(*position_m, *covariance_m2),
             Payload::Heading { yaw_rad, sigma_rad } => self.heading(*yaw_rad, *sigma_rad),
-            Payload::AcousticFix { peer, transmit_ns, range_m, own_bearing_rad, peer_bearing_rad } => {
-                let measured =
-                    Measurement { range_m: *range_m, own_rad: *own_bearing_rad, peer_rad: *peer_bearing_rad };
+            Payload::AcousticFix {
+                peer,
+                transmit_ns,
+                range_m,
+                own_bearing_rad,
+                peer_bearing_rad,
+                peer_depth_m,
+            } => {
+                let sigma_m = self.options.acoustics.sigma[0];
+                let measured = Measurement {
+                    range_m: self.state.role_exchange.horizontal(*range_m, *peer_depth_m, sigma_m),
+                    own_rad: *own_bearing_rad,
+                    peer_rad: *peer_bearing_rad,
+                };
                 self.positioning(*peer, *transmit_ns, &measured)
+            }
+            Payload::Depth { depth_m, .. } => {
+                self.state.role_exchange.depth_m = Some(*depth_m);
+                Outcome::Fused
             }
             Payload::Landed => {
                 self.state.landed = true;

@@ -1,8 +1,8 @@
 //! Positionings of `landmark-paper`: weights, monitor, reconstruction, resampling.
 
 use super::model::{
-    Measurement, Pose, ancestors_among, least_likely, log_likelihood_max, log_likelihoods, log_mean_exp,
-    new_particles, offsets, reconstruct, survivors,
+    Gate, Measurement, Pose, ancestors_among, least_likely, log_likelihood_max, log_likelihoods,
+    log_mean_exp, new_particles, offsets, reconstruct, survivors,
 };
 use super::paper::LandmarkPaper;
 use super::paper_cloud::{Columns, moments};
@@ -31,7 +31,8 @@ impl LandmarkPaper {
         }
         let at = self.state.cloud.at(transmit_ns);
         let logs = self.log_likelihood(&at, measured);
-        let log_mean = log_mean_exp(&logs);
+        let scale = if matches!(self.options.gate, Gate::Mixture { .. }) { log_max } else { 0.0 };
+        let log_mean = log_mean_exp(&logs) + scale;
         self.note(log_mean, log_max, measured, &at);
         let ancestors = self.reconstruct(&logs, log_mean, log_max, measured, &at);
         match ancestors {
@@ -74,9 +75,9 @@ impl LandmarkPaper {
         };
         let mut replaced = Vec::new();
         if let Some(rule) = self.options.monitor {
-            let (low, fire) = self.state.monitor.observe(log_mean, log_max, &rule);
+            let (low, fire) = self.state.monitor.observe(log_mean, log_max, complete.is_some(), &rule);
             self.state.counts.lows += u64::from(low);
-            if fire && complete.is_some() {
+            if fire {
                 let count = new_particles(n, self.options.replace_share, log_mean, log_max);
                 replaced = least_likely(logs, count);
             }
@@ -92,8 +93,9 @@ impl LandmarkPaper {
             .map(|i| (self.state.cloud.own_pose(i), [at[0][i], at[1][i], at[2][i]]))
             .collect();
         self.state.cloud.resample(&ancestors);
-        let sum: f64 = survivors.iter().map(|i| (logs[*i as usize] - log_mean).exp()).sum();
-        let squares: f64 = survivors.iter().map(|i| (2.0 * (logs[*i as usize] - log_mean)).exp()).sum();
+        let centre = log_mean_exp(logs);
+        let sum: f64 = survivors.iter().map(|i| (logs[*i as usize] - centre).exp()).sum();
+        let squares: f64 = survivors.iter().map(|i| (2.0 * (logs[*i as usize] - centre)).exp()).sum();
         self.state.counts.ess = sum * sum / squares;
         if let Some(values) = complete
             && !replaced.is_empty()

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::options::PacketOptions;
 use crate::error::Error;
 use crate::event::{Payload, VehicleId};
+use crate::link::slant_to_horizontal;
 use crate::mixture::Mode;
 use crate::packet::PacketError;
 use crate::packet::landmark::ExchangePacket;
@@ -25,7 +26,12 @@ pub struct RoleExchange {
     pub landmark: Option<VehicleId>,
     /// Whether the landmark is still at its first pose, which all vehicles know before any packet.
     pub first: bool,
+    /// Own depth below the surface, once measured, m.
+    pub depth_m: Option<f64>,
 }
+
+/// A slant range so many standard deviations shorter than the difference of the depths is none.
+const SLANT_GATES: f64 = 6.0;
 
 impl RoleExchange {
     /// Of vehicle `own` in a team of `vehicles`.
@@ -44,7 +50,18 @@ impl RoleExchange {
             is_landmark: false,
             landmark: None,
             first: true,
+            depth_m: None,
         })
+    }
+
+    /// A measured slant range as the horizontal one that the poses are about; as it is where a depth is not known. `None`
+    /// for a range that is shorter than the difference of the depths.
+    #[must_use]
+    pub fn horizontal(&self, slant_m: Option<f64>, peer_depth_m: Option<f64>, sigma_m: f64) -> Option<f64> {
+        let (Some(slant_m), Some(own_m), Some(peer_m)) = (slant_m, self.depth_m, peer_depth_m) else {
+            return slant_m;
+        };
+        slant_to_horizontal(slant_m, own_m, peer_m, sigma_m, SLANT_GATES).ok().map(|reduced| reduced.range_m)
     }
 
     /// Refuses a vehicle that the team does not have, or that is this one.

@@ -284,7 +284,9 @@ impl Server {
             let smoothed = settle * origin.covariance;
             let cross = step.transition * smoothed;
             let own = launch.node.filtered.covariance;
-            Some((0..2).map(|k| cross[(k, k)] / (own[(k, k)] * smoothed[(k, k)]).sqrt()).fold(0.0, f64::max))
+            let of = |k: usize| cross[(k, k)] / (own[(k, k)] * smoothed[(k, k)]).sqrt();
+            let [east, north] = [of(0), of(1)];
+            Some(if north.abs() > east.abs() { north } else { east })
         };
         correlation().unwrap_or(f64::NAN)
     }

@@ -52,8 +52,9 @@ pub struct DmpfSettings {
     pub window: usize,
     /// Sigma of a difference in (15), m. The paper states none; 0.05 m times √ℓ, since each sounding is used ℓ times.
     pub sigma_like_m: f64,
-    /// Variance of the roughening per axis, m².
-    pub roughening_m2: f64,
+    /// Variance of the roughening per axis, m²; `None`: twice the resolution of the chart, as section 3.3 has it (2 m² at
+    /// 1 m, and without a chart).
+    pub roughening_m2: Option<f64>,
     /// Ranges.
     #[serde(flatten)]
     pub range: RangeSettings,
@@ -65,6 +66,8 @@ pub struct DmpfSettings {
     pub range_temper: f64,
     /// Kernel width of the entropies (20)–(21) that say what a range told, m; `None`: not asked.
     pub entropy_sigma_m: Option<f64>,
+    /// The same, of whole measurement updates (18), soundings and ranges; `None`: not asked.
+    pub update_entropy_sigma_m: Option<f64>,
     /// Broadcast belief.
     pub packet: DmpfPacket,
     /// Modes of a `modes` packet.
@@ -82,12 +85,13 @@ impl Default for DmpfSettings {
             use_terrain: true,
             window: 14,
             sigma_like_m: 0.2,
-            roughening_m2: 2.0,
+            roughening_m2: None,
             range: RangeSettings::default(),
             range_method: RangeLikelihood::Eq17,
             range_samples: None,
             range_temper: 1.0,
             entropy_sigma_m: None,
+            update_entropy_sigma_m: None,
             packet: DmpfPacket::Rounded,
             modes: 2,
             drift: DriftSettings { drift: DriftPreset::Table1, ..DriftSettings::default() },
@@ -109,6 +113,7 @@ impl Settings for DmpfSettings {
             ("range_samples", Bound::between(1.0, 1e6, "1 to 1,000,000")),
             ("range_temper", Bound::SHARE),
             ("entropy_sigma_m", Bound::POSITIVE),
+            ("update_entropy_sigma_m", Bound::POSITIVE),
             ("modes", Bound::between(1.0, MODES_MAX as f64, "1 to 4")),
         ];
         own.into_iter().chain(RangeSettings::BOUNDS).chain(DriftSettings::bounds()).collect()
@@ -158,7 +163,7 @@ impl Settings for DmpfSettings {
             window: self.window,
             sigma_like_m: self.sigma_like_m,
             resample_share: self.resample_share,
-            roughening_m2: self.roughening_m2,
+            roughening_m2: self.roughening_m2.unwrap_or_else(|| twice_the_resolution(chart.as_deref())),
             range: self.range.options(method, self.entropy_sigma_m),
             terrain: self.use_terrain,
             packet: match self.packet {
@@ -168,9 +173,15 @@ impl Settings for DmpfSettings {
                 DmpfPacket::Particles => PacketKind::Cloud,
             },
             modes: self.modes,
+            update_entropy_sigma_m: self.update_entropy_sigma_m,
             drift: self.drift.options(),
         };
         let Context { vehicle, vehicles, sound_speed_mps, seed, .. } = *context;
         Made::navigator(Dmpf::new(vehicle, vehicles, options, chart, sound_speed_mps, seed))
     }
+}
+
+/// The paper's number: "two times the map resolution" as a variance, so of a map in metres, m².
+fn twice_the_resolution(chart: Option<&Chart>) -> f64 {
+    2.0 * chart.map_or(1.0, |chart| chart.grid().cell_m)
 }

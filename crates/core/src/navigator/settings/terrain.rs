@@ -64,6 +64,8 @@ pub struct TerrainSettings {
     pub monitor_quiet_s: f64,
     /// See `monitor_repeat_spread_m`, s.
     pub monitor_repeat_s: f64,
+    /// Kernel width of the entropies that say what each measurement update told, m; `None`: not asked.
+    pub update_entropy_sigma_m: Option<f64>,
 }
 
 const MONITOR_OPTIONS: [&str; 8] = [
@@ -104,6 +106,7 @@ impl Default for TerrainSettings {
             monitor_spread_current_mps: 0.1,
             monitor_quiet_s: 20.0,
             monitor_repeat_s: 100.0,
+            update_entropy_sigma_m: None,
         }
     }
 }
@@ -129,6 +132,7 @@ impl TerrainSettings {
             ("monitor_forgetting", Bound::SHARE),
             ("monitor_clip", Bound::POSITIVE),
             ("monitor_alarm", Bound::POSITIVE),
+            ("update_entropy_sigma_m", Bound::POSITIVE),
         ];
         let spreads = MONITOR_OPTIONS[3..].iter().map(|option| (*option, Bound::NON_NEGATIVE));
         own.into_iter().chain(spreads).collect()
@@ -178,6 +182,7 @@ impl TerrainSettings {
                 quiet_s: self.monitor_quiet_s,
                 repeat_s: self.monitor_repeat_s,
             }),
+            update_entropy_sigma_m: self.update_entropy_sigma_m,
             drift,
         }
     }

@@ -69,6 +69,9 @@ impl<const K: usize> TerrainCore<K> {
     ) -> Result<Self, Error> {
         options.validate()?;
         let mut core = ParticleCore::new(options.particles, options.drift, Streams::new(seed, own))?;
+        if let Some(sigma_m) = options.update_entropy_sigma_m {
+            core.cloud.measure_information(sigma_m);
+        }
         core.cloud.add_offset();
         Ok(Self {
             options,

@@ -60,6 +60,8 @@ pub struct TerrainOptions {
     pub acquisition_particles: usize,
     /// Begin anywhere on the chart at the first sounding, where no fix came before it.
     pub start_anywhere: bool,
+    /// Kernel width for the information of each update, m; `None`: not measured.
+    pub update_entropy_sigma_m: Option<f64>,
     /// Process noise and priors.
     pub drift: Drift,
 }
@@ -86,6 +88,7 @@ impl TerrainOptions {
             ("sigma_map_m", self.sigma_map_m),
             ("depth_noise_factor_max", self.depth_noise_factor_max),
             // Infinite for a Gaussian.
+            ("update_entropy_sigma_m", self.update_entropy_sigma_m),
             ("student_dof", Some(self.student_dof).filter(|dof| *dof != f64::INFINITY)),
         ];
         values.extend(optional.into_iter().filter_map(|(option, value)| Some((option, value?))));

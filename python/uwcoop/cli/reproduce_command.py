@@ -1,0 +1,45 @@
+"""`uwcoop reproduce`: a paper's figures beside what the paper says of them."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uwcoop.cli.terminal import progress, say, say_written
+
+
+def reproduce(
+    paper: Annotated[str, typer.Argument(metavar="PAPER", help="tan2016, matsuda2017 or walls2012.")],
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Few missions, minutes in place of hours: a first look.")
+    ] = False,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="DIR", help="Folder; else uwcoop-PAPER.")
+    ] = None,
+) -> None:
+    """Fly what a paper's figures show: pictures and a report of what holds. Continues where it was cut off."""
+    from uwcoop.reproduce import reproduce as fly
+    from uwcoop.reproduce.report import write_report
+
+    folder = output or Path(f"uwcoop-{paper}")
+    began = time.monotonic()
+
+    with progress(paper, None) as step:
+
+        def told(text: str, done: int, of: int) -> None:
+            left_s = (time.monotonic() - began) / done * (of - done) if done else None
+            step(text + ("" if left_s is None else f", about {left_s / 60:.0f} min left"), done, of)
+
+        found, outcomes = fly(paper, folder, quick=quick, progress=told)
+    files = write_report(found, outcomes, folder, quick=quick)
+    for outcome in outcomes:
+        for finding in outcome.findings:
+            held = "holds" if finding.holds else "DOES NOT HOLD"
+            ours = "-" if finding.ours is None else f"{finding.ours:.3g}"
+            typer.echo(f"{outcome.id}: {finding.text}: {ours} (the paper: {finding.paper}): {held}")
+        if outcome.picture is None:
+            say(f"{outcome.id} is not drawn: {outcome.reason}")
+    say_written([*files, *(outcome.picture for outcome in outcomes if outcome.picture)], folder)

@@ -1,0 +1,11 @@
+"""The papers whose methods are packaged, each by one command, beside what they say.
+
+* `papers/*.toml`: for each figure and table what the paper states, the missions that show it, and our tolerance.
+* `manifest`: their model. `runner`: flies what is needed. `measures`, `pictures`: numbers and figures by name.
+* `report`: `report.md` and `report.html`.
+"""
+
+from uwcoop.reproduce.manifest import PAPERS, load_paper
+from uwcoop.reproduce.runner import reproduce
+
+__all__ = ["PAPERS", "load_paper", "reproduce"]
