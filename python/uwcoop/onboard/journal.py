@@ -51,15 +51,11 @@ class Journal:
         except BlockingIOError:
             os.close(self._lock)
             raise LogError(f"state folder {folder} is in use by another node") from None
-        for path in journal_files(folder):
-            _check_head(path, digest)
-        if files := journal_files(folder):
-            self._cut_torn_end(files[-1])
-            self._number = _number(files[-1])
-            self._file = os.open(files[-1], os.O_WRONLY | os.O_APPEND)
-            self._size = os.fstat(self._file).st_size
-        else:
-            self._begin(1)
+        try:
+            self._open()
+        except BaseException:
+            os.close(self._lock)
+            raise
 
     def append(self, line: Message, *, sync: bool = False) -> None:
         """Write a line; with `sync` it is on the disk when this returns."""
@@ -115,6 +111,17 @@ class Journal:
         os.fsync(self._file)
         os.close(self._file)
         os.close(self._lock)
+
+    def _open(self) -> None:
+        for path in journal_files(self.folder):
+            _check_head(path, self.digest)
+        if files := journal_files(self.folder):
+            self._cut_torn_end(files[-1])
+            self._number = _number(files[-1])
+            self._file = os.open(files[-1], os.O_WRONLY | os.O_APPEND)
+            self._size = os.fstat(self._file).st_size
+        else:
+            self._begin(1)
 
     def _begin(self, number: int) -> None:
         path = self.folder / f"journal-{number:06}.jsonl"

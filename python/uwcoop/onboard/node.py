@@ -65,7 +65,7 @@ class Node:
         self.done: Key = (-1, 0, 0)
         """The last thing that was handed over."""
         self.counts: Counter[str] = Counter()
-        self._last_ns: dict[str, int] = {}
+        self._pace: dict[str, tuple[int, int]] = {}  # kind -> its last time, and the time between its last two
         self.heard_ns: dict[int, int] = {}
         self.alarms: set[str] = set()
         self.resumed = 0
@@ -189,7 +189,9 @@ class Node:
             self.alarm("event refused", str(error))
             return
         self.counts[outcome] += 1
-        self._last_ns[event.kind] = event.t_ns
+        if event.kind in self._pace and event.t_ns > self._pace[event.kind][0]:
+            self._pace[event.kind] = event.t_ns, event.t_ns - self._pace[event.kind][0]
+        self._pace.setdefault(event.kind, (event.t_ns, 0))
         if event.kind == "reception" and outcome in {"fused", "noted"}:
             self.heard_ns[event.fields["sender"]] = event.fields["tol_ns"]
         self.clear(f"{event.kind} silent", f"{event.kind} is back")
@@ -225,9 +227,7 @@ class Node:
 
     def _sample(self, t_ns: int) -> None:
         self._next_sample_ns += SECOND_NS
-        for kind, last_ns in self._last_ns.items():
-            if kind != "reception" and kind not in _ROLES and t_ns - last_ns > self._silent_ns > 0:
-                self.alarm(f"{kind} silent", f"no {kind} since {last_ns / SECOND_NS:.3f} s")
+        self._look_for_silence(t_ns)
         found = self.vehicle.estimate(t_ns)
         mean, covariance = found.mean_m.tolist(), found.covariance_m2.ravel().tolist()
         self._out(
@@ -239,6 +239,13 @@ class Node:
                 "heard_ns": {str(sender): tol_ns for sender, tol_ns in self.heard_ns.items()},
             }
         )  # fmt: skip
+
+    def _look_for_silence(self, t_ns: int) -> None:
+        """A sensor that has spoken twice is expected to go on, at the pace of its own."""
+        for kind, (last_ns, apart_ns) in self._pace.items():
+            periodic = kind != "reception" and kind not in _ROLES and 0 < self._silent_ns and apart_ns > 0
+            if periodic and t_ns - last_ns > max(self._silent_ns, 3 * apart_ns):
+                self.alarm(f"{kind} silent", f"no {kind} since {last_ns / SECOND_NS:.3f} s")
 
     def _resume(self, journal: Journal) -> None:
         state, kept, lines = journal.resume()
