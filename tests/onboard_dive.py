@@ -86,7 +86,9 @@ class Dive:
 
     def fly(self, before_step=lambda t_ns: None) -> None:
         streams = [list(sensor_messages(self.log, k)) for k in range(len(self.log.vehicles))]
-        instants = sorted({*range(0, self.log.duration_ns + 1, SECOND_NS), *self.log.slots["tol_ns"].tolist()})
+        instants = sorted(
+            {*range(0, self.log.duration_ns + 1, SECOND_NS), *self.log.slots["tol_ns"].tolist()}
+        )
         for t_ns in instants:
             before_step(t_ns)
             for k, node in enumerate(self.nodes):

@@ -141,7 +141,10 @@ def check_kills(folder: Path, said: list[dict], line: str) -> None:
         ]
         found = last[vehicle]
         error_m = np.hypot(*(np.array(found["mean_m"]) - truth[vehicle, found["t_ns"] // SECOND_NS]))
-        assert error_m <= max(np.nanpercentile(errors, 95), 3 * np.sqrt(found["covariance_m2"][0])), (vehicle, error_m)
+        assert error_m <= max(np.nanpercentile(errors, 95), 3 * np.sqrt(found["covariance_m2"][0])), (
+            vehicle,
+            error_m,
+        )
 
 
 def test_killed_nodes_resume_and_nothing_is_sent_or_accepted_twice(tmp_path) -> None:
@@ -231,9 +234,12 @@ def test_a_node_imports_nothing_heavy(tmp_path) -> None:
     code = (
         "import sys\nfrom uwcoop.onboard.vehicle import VehicleNavigator\n"
         "from uwcoop.onboard.service import NodeService\nVehicleNavigator.from_scenario('team.json', 'V1')\n"
-        "print([m for m in ('xarray', 'pandas', 'rosbags', 'mcap', 'h5netcdf', 'scipy', 'matplotlib') if m in sys.modules])"
+        "heavy = ('xarray', 'pandas', 'rosbags', 'mcap', 'h5netcdf', 'scipy', 'matplotlib')\n"
+        "print([m for m in heavy if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
     assert done.stdout.strip() == "[]"
 
 

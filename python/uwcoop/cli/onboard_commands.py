@@ -16,17 +16,26 @@ if TYPE_CHECKING:
 __all__ = ["black_box", "channel", "node", "watch"]
 
 ScenarioOption = Annotated[
-    str, typer.Option("--scenario", metavar="SCENARIO", help="The team's scenario: a packaged name, or a TOML file.")
+    str,
+    typer.Option(
+        "--scenario", metavar="SCENARIO", help="The team's scenario: a packaged name, or a TOML file."
+    ),
 ]
-VehicleOption = Annotated[str, typer.Option("--vehicle", metavar="NAME", help="Which of the team's vehicles.")]
+VehicleOption = Annotated[
+    str, typer.Option("--vehicle", metavar="NAME", help="Which of the team's vehicles.")
+]
 NavigatorOption = Annotated[
     str | None,
-    typer.Option("--navigator", "-n", metavar="NAME", help="Else the first that the scenario lists, or team."),
+    typer.Option(
+        "--navigator", "-n", metavar="NAME", help="Else the first that the scenario lists, or team."
+    ),
 ]
 PortOption = Annotated[
     int,
     typer.Option(
-        "--base-port", metavar="PORT", help="The watch listens here, the channel one above, then the vehicles in order."
+        "--base-port",
+        metavar="PORT",
+        help="The watch listens here, the channel one above, then the vehicles in order.",
     ),
 ]
 PeerOption = Annotated[
@@ -34,7 +43,7 @@ PeerOption = Annotated[
     typer.Option(
         "--peer",
         metavar="NAME=HOST:PORT",
-        help="Where channel, watch, a vehicle or a driver of sensors is, if not on this machine's usual port. Repeatable.",
+        help="Where channel, watch, a vehicle or a driver of sensors is, if not at its usual port. Repeatable.",
     ),
 ]
 BindOption = Annotated[
@@ -72,7 +81,7 @@ def node(
         float, typer.Option(min=0.0, max=60.0, metavar="S", help="With --epoch: how long events may be under way.")
     ] = 0.2,
     lead_s: Annotated[
-        float, typer.Option(min=0.0, max=60.0, metavar="S", help="With --epoch: the packet is made so long before launch.")
+        float, typer.Option(min=0.0, max=60.0, metavar="S", help="With --epoch: from the packet to its launch.")
     ] = 0.5,
     silent_after_s: Annotated[
         float, typer.Option(min=0.0, metavar="S", help="A sensor that is silent for so long raises an alarm; 0: none.")
@@ -98,12 +107,18 @@ def node(
     journal = None if state is None else Journal(state, made.digest)
     options = ServiceOptions(checkpoint_s, reorder_s, lead_s, silent_after_s=silent_after_s)
     service = NodeService(made, wires, journal, clock=clock, options=options)
-    time_of = "the channel's" if clock is None else f"the system's less epoch {epoch:.3f} s, now {clock.now_ns() / 1e9:.3f} s"
+    time_of = (
+        "the channel's"
+        if clock is None
+        else f"the system's less epoch {epoch:.3f} s, now {clock.now_ns() / 1e9:.3f} s"
+    )
     say(f"{made.name}: {made.navigator} of {made.mission.name}, seed {made.mission.seed}; clock: {time_of}")
     if state is None:
         say("note: without --state nothing is kept: a node that is killed starts anew")
     elif service.node.now_ns >= 0:
-        say(f"resumed at {service.node.now_ns / 1e9:.3f} s, {service.node.resumed} lines of the journal done again")
+        say(
+            f"resumed at {service.node.now_ns / 1e9:.3f} s, {service.node.resumed} lines of the journal done again"
+        )
     try:
         service.run()
     finally:
@@ -146,12 +161,16 @@ def channel(
     from uwcoop.onboard.transports import open_transport
 
     if (scenario is None) == (play is None):
-        raise typer.BadParameter("one of both is needed: a scenario, or a mission to play", param_hint="--scenario, --play")
+        raise typer.BadParameter(
+            "one of both is needed: a scenario, or a mission to play", param_hint="--scenario, --play"
+        )
     if play is None and epoch is None:
-        raise typer.BadParameter("without --play, nodes have clocks of their own: give all the same", param_hint="--epoch")
+        raise typer.BadParameter(
+            "without --play, nodes have clocks of their own: give all the same", param_hint="--epoch"
+        )
     if play is not None and epoch is not None:
         raise typer.BadParameter("with --play the channel has the clock", param_hint="--epoch")
-    log = open_mission(scenario if play is None else play, seed)
+    log = open_mission(scenario or str(play), seed)
     addresses = _addresses(log.vehicles, base_port, peer)
     own = addresses.pop("channel")
     wires = open_transport(transport, "channel", own if bind is None else _address(bind), addresses)
@@ -164,7 +183,9 @@ def channel(
             water.relay(SystemClock(round(epoch * 1e9)).now_ns)
     finally:
         wires.close()
-    say(f"ended: {len(water.water.launched)} packets launched, {water.refused} messages refused, {wires.dropped} dropped")
+    say(
+        f"ended: {len(water.water.launched)} packets launched, {water.refused} messages refused, {wires.dropped} dropped"
+    )
 
 
 def watch(

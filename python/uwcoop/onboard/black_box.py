@@ -87,7 +87,9 @@ def _log(vehicle: VehicleNavigator, events: list[Event], slots: list[tuple[int, 
         if kind in rows
     }
     payloads = received.pop("bytes", [])
-    receptions = columns(RECEPTION_COLUMNS, receiver=[vehicle.index] * len(payloads), **received) if payloads else {}
+    receptions = (
+        columns(RECEPTION_COLUMNS, receiver=[vehicle.index] * len(payloads), **received) if payloads else {}
+    )
     used = {
         "tol_ns": [tol_ns for tol_ns, _ in slots],
         "sender": [vehicle.index] * len(slots),

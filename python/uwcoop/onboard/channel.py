@@ -49,7 +49,10 @@ class Water:
         self._capacity = {
             (tol_ns, sender): capacity
             for tol_ns, sender, capacity in zip(
-                slots["tol_ns"].tolist(), slots["sender"].tolist(), slots["capacity_bytes"].tolist(), strict=True
+                slots["tol_ns"].tolist(),
+                slots["sender"].tolist(),
+                slots["capacity_bytes"].tolist(),
+                strict=True,
             )
         }
         order = np.lexsort((log.opportunities["receiver"], log.opportunities["tol_ns"]))
@@ -67,7 +70,9 @@ class Water:
         if capacity is None:
             raise MessageError(f"vehicle {sender} has no slot at {tol_ns / SECOND_NS:.9f} s")
         if len(packet) > capacity:
-            raise MessageError(f"a packet of vehicle {sender} has {len(packet)} bytes: its slot holds {capacity}")
+            raise MessageError(
+                f"a packet of vehicle {sender} has {len(packet)} bytes: its slot holds {capacity}"
+            )
         if (tol_ns, sender) in self.launched:
             raise MessageError(f"vehicle {sender} launched twice at {tol_ns / SECOND_NS:.9f} s")
         self.launched.add((tol_ns, sender))
@@ -94,7 +99,11 @@ class Water:
 
 def sensor_messages(log: MissionLog, vehicle: int) -> Iterator[Message]:
     """What a log recorded of one vehicle's sensors, and received, in the order in which a node hands it over."""
-    streams = [_rows(kind, index, log.events[kind], vehicle) for index, kind in enumerate(EVENT_COLUMNS) if kind in log.events]
+    streams = [
+        _rows(kind, index, log.events[kind], vehicle)
+        for index, kind in enumerate(EVENT_COLUMNS)
+        if kind in log.events
+    ]
     if log.receptions:
         streams.append(_received(log, vehicle))
     for _, message in heapq.merge(*streams, key=lambda pair: pair[0]):
@@ -188,7 +197,9 @@ class Channel:
 
     def _instants(self) -> list[int]:
         seconds = range(0, self.log.duration_ns + 1, SECOND_NS)
-        return sorted({*seconds, *(t for t in self.log.slots["tol_ns"].tolist() if t <= self.log.duration_ns)})
+        return sorted(
+            {*seconds, *(t for t in self.log.slots["tol_ns"].tolist() if t <= self.log.duration_ns)}
+        )
 
     def _gather(self, wait_s: float) -> None:
         until_s = time.monotonic() + wait_s
@@ -211,7 +222,9 @@ class Channel:
             if now_s - began_s > patience_s:
                 for k in waiting:
                     self.away.add(k)
-                    self.say(f"{self.log.vehicles[k]} does not answer at {t_ns / SECOND_NS:.3f} s: on without it")
+                    self.say(
+                        f"{self.log.vehicles[k]} does not answer at {t_ns / SECOND_NS:.3f} s: on without it"
+                    )
                 return
             self._receive(0.05)
 
@@ -220,7 +233,8 @@ class Channel:
         self.transport.send(self.log.vehicles[vehicle], encode(clock))
 
     def _send(self, vehicle: int, messages: list[Message]) -> None:
-        lines, size = [], 0
+        lines: list[bytes] = []
+        size = 0
         for message in messages:
             line = encode(message)
             if lines and size + len(line) > _DATAGRAM_BYTES:
@@ -263,8 +277,6 @@ class Channel:
             tol_ns = integer(message, "tol_ns")
             for arrival in self.water.launch(vehicle, tol_ns, octets(message, "bytes")):
                 self._order += 1
-                heapq.heappush(
-                    self._arriving, (arrival["t_ns"], arrival["vehicle"], self._order, arrival)
-                )
+                heapq.heappush(self._arriving, (arrival["t_ns"], arrival["vehicle"], self._order, arrival))
         else:
             raise MessageError(f"type {message['type'][:20]!r} is unknown")

@@ -134,7 +134,9 @@ class Journal:
     def _write(self, line: Message) -> None:
         data = encode(line)
         if (written := os.write(self._file, data)) != len(data):
-            raise LogError(f"journal in {self.folder}: {written} of {len(data)} bytes written, the disk is full")
+            raise LogError(
+                f"journal in {self.folder}: {written} of {len(data)} bytes written, the disk is full"
+            )
         self._size += len(data)
 
     def _cut_torn_end(self, path: Path) -> None:

@@ -2,14 +2,16 @@
 
 | type | from → to | fields |
 |---|---|---|
-| `event` | channel, drivers → node | `t_ns`, `vehicle` (index), `kind`, the columns of that kind; a `reception` has `sender`, `tol_ns`, `toa_ns`, `bytes` (hexadecimal) |
-| `clock` | channel → node | `t_ns`: all that is stamped up to then has been sent; `sent`: how many events that were in all |
+| `event` | channel, drivers → node | `t_ns`, `vehicle` (index), `kind`, the columns of that kind |
+| `clock` | channel → node | `t_ns`: all stamped up to then has been sent; `sent`: how many events in all |
 | `end` | channel → node | the mission is over |
-| `hello` | node → channel | `vehicle`, `digest`: the node is there |
+| `hello` | node → channel | `vehicle`: the node is there |
 | `launch` | node → channel | `vehicle`, `tol_ns`, `bytes` |
 | `ready` | node → channel | `vehicle`, `t_ns`: everything up to then is handled |
-| `estimate` | node → watch | `vehicle`, `t_ns`, `mean_m`, `covariance_m2`, `yaw_rad`, `ess`, `rejected`, `status`, `counts`, `heard_ns` |
+| `estimate` | node → watch | what `estimate` gives at `t_ns`, with `counts` and `heard_ns` by sender |
 | `diagnostic` | node → watch | `vehicle`, `t_ns`, `alarm`, `raised`, `text` |
+
+An event of kind `reception` has `sender`, `tol_ns`, `toa_ns` and `bytes`; bytes are hexadecimal digits.
 """
 
 from __future__ import annotations
@@ -84,7 +86,9 @@ def event_of(message: Message) -> _native.Event:
     kind = message.get("kind")
     spec = _RECEPTION if kind == "reception" else EVENT_COLUMNS.get(kind) if isinstance(kind, str) else None
     if spec is None:
-        raise MessageError(f"event kind {str(kind)[:30]!r} is unknown: must be one of {', '.join(EVENT_COLUMNS)}")
+        raise MessageError(
+            f"event kind {str(kind)[:30]!r} is unknown: must be one of {', '.join(EVENT_COLUMNS)}"
+        )
     given = message.keys() - {"type", "t_ns", "vehicle", "kind"}
     if given != spec.keys():
         odd = sorted(given ^ spec.keys())[0]
@@ -136,7 +140,9 @@ def _value(name: str, value: Any, form: str) -> Any:
             return bytes.fromhex(value)
         except ValueError:
             pass
-    wanted = {"bool": "true or false", "i8": "an integer", "f8": "a number", "hex": "hexadecimal digits"}[form]
+    wanted = {"bool": "true or false", "i8": "an integer", "f8": "a number", "hex": "hexadecimal digits"}[
+        form
+    ]
     raise MessageError(f"field {name} is {str(value)[:30]!r}: must be {wanted}")
 
 

@@ -65,7 +65,9 @@ class Node:
         self.done: Key = (-1, 0, 0)
         """The last thing that was handed over."""
         self.counts: Counter[str] = Counter()
-        self._pace: dict[str, tuple[int, int]] = {}  # kind -> its last time, and the time between its last two
+        self._pace: dict[
+            str, tuple[int, int]
+        ] = {}  # kind -> its last time, and the time between its last two
         self.heard_ns: dict[int, int] = {}
         self.alarms: set[str] = set()
         self.resumed = 0
@@ -243,7 +245,7 @@ class Node:
     def _look_for_silence(self, t_ns: int) -> None:
         """A sensor that has spoken twice is expected to go on, at the pace of its own."""
         for kind, (last_ns, apart_ns) in self._pace.items():
-            periodic = kind != "reception" and kind not in _ROLES and 0 < self._silent_ns and apart_ns > 0
+            periodic = kind != "reception" and kind not in _ROLES and self._silent_ns > 0 and apart_ns > 0
             if periodic and t_ns - last_ns > max(self._silent_ns, 3 * apart_ns):
                 self.alarm(f"{kind} silent", f"no {kind} since {last_ns / SECOND_NS:.3f} s")
 
@@ -251,7 +253,8 @@ class Node:
         state, kept, lines = journal.resume()
         if state is not None:
             self.vehicle.restore(state)
-            self.done = tuple(kept["done"])  # type: ignore[assignment]
+            t_ns, order, kind = kept["done"]
+            self.done = t_ns, order, kind
             self.counts.update(kept["counts"])
             self.heard_ns.update({int(sender): tol_ns for sender, tol_ns in kept["heard_ns"].items()})
         self._again(lines)

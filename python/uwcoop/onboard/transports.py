@@ -14,7 +14,15 @@ from typing import Protocol
 
 from uwcoop.errors import ScenarioError
 
-__all__ = ["BASE_PORT", "Address", "Transport", "UdpTransport", "address_of", "default_addresses", "open_transport"]
+__all__ = [
+    "BASE_PORT",
+    "Address",
+    "Transport",
+    "UdpTransport",
+    "address_of",
+    "default_addresses",
+    "open_transport",
+]
 
 Address = tuple[str, int]
 BASE_PORT = 7400

@@ -6,6 +6,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from uwcoop import acoustics
@@ -20,8 +21,6 @@ from uwcoop.scenario.base import nearest
 from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from uwcoop._native import Estimate, Event
     from uwcoop.charts import Chart
     from uwcoop.scenario.models import Scenario
@@ -58,7 +57,7 @@ def empty_mission(
     from uwcoop.world.places import placed
     from uwcoop.world.simulate import open_chart, seabed_and_chart
 
-    if not hasattr(scenario, "acoustics"):
+    if isinstance(scenario, str | Path):
         scenario = scenarios.load(scenario)
     if scenario.exchange is not None:
         raise ScenarioError(

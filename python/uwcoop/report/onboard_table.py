@@ -45,8 +45,21 @@ class Watched:
         from rich.table import Table
 
         table = Table(title="nodes")
-        for column in ("vehicle", "time, s", "east, m", "north, m", "sigma, m", "status", "heard", "sent", "missed", "alarms"):
-            table.add_column(column, justify="left" if column in {"vehicle", "status", "heard", "alarms"} else "right")
+        for column in (
+            "vehicle",
+            "time, s",
+            "east, m",
+            "north, m",
+            "sigma, m",
+            "status",
+            "heard",
+            "sent",
+            "missed",
+            "alarms",
+        ):
+            table.add_column(
+                column, justify="left" if column in {"vehicle", "status", "heard", "alarms"} else "right"
+            )
         for name in self.names:
             table.add_row(name, *self._cells(name))
         return table
@@ -61,7 +74,8 @@ class Watched:
         sigma_m = None if None in variances else math.sqrt(sum(variances))
         now_s = said["t_ns"] / 1e9
         heard = [
-            f"{self.names[int(sender)]} {now_s - tol_ns / 1e9:.0f} s" for sender, tol_ns in said["heard_ns"].items()
+            f"{self.names[int(sender)]} {now_s - tol_ns / 1e9:.0f} s"
+            for sender, tol_ns in said["heard_ns"].items()
         ]
         counts = said["counts"]
         return [
