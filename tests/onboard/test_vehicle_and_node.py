@@ -213,7 +213,9 @@ def test_messages_come_back_bit_for_bit(e_m, n_m, t_ns, packet) -> None:
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text("ab01", max_size=4),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text("ab01", max_size=4), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text("ab01", max_size=4), inner, max_size=3)
+    ),
     max_leaves=6,
 )
 NAMES = st.sampled_from(

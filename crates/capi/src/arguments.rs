@@ -43,7 +43,9 @@ impl fmt::Display for Failure {
         match self {
             Self::Argument(text) => f.write_str(text),
             Self::Refused(error) => error.fmt(f),
-            Self::TooSmall { needed, capacity } => write!(f, "the buffer has {capacity} bytes: must have {needed}"),
+            Self::TooSmall { needed, capacity } => {
+                write!(f, "the buffer has {capacity} bytes: must have {needed}")
+            }
             Self::Broken => f.write_str("the navigator failed before: it is to be destroyed"),
         }
     }

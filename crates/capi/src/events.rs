@@ -30,25 +30,45 @@ pub enum uwcoop_kind {
     UWCOOP_FIX = 7,
 }
 
-/// The payload of a kind, which comes as an integer: C may pass any.
-fn payload(kind: i32, values: &[f64]) -> Result<Payload, Failure> {
+impl uwcoop_kind {
+    /// The kind of this number, which C may choose freely.
+    fn of(number: i32) -> Result<Self, Failure> {
+        const ALL: [uwcoop_kind; 8] = [
+            uwcoop_kind::UWCOOP_MOTION,
+            uwcoop_kind::UWCOOP_ODOMETRY,
+            uwcoop_kind::UWCOOP_WATER_DEPTH,
+            uwcoop_kind::UWCOOP_DEPTH,
+            uwcoop_kind::UWCOOP_HEADING,
+            uwcoop_kind::UWCOOP_TURN_RATE,
+            uwcoop_kind::UWCOOP_GROUND_VELOCITY,
+            uwcoop_kind::UWCOOP_FIX,
+        ];
+        let found = ALL.into_iter().find(|kind| *kind as i32 == number);
+        found.ok_or_else(|| Failure::Argument(format!("kind is {number}: must be 0 to 7")))
+    }
+}
+
+/// The payload of a kind with its values.
+fn payload(kind: uwcoop_kind, values: &[f64]) -> Result<Payload, Failure> {
+    use uwcoop_kind::*;
     let found = match (kind, values) {
-        (0, &[e, n]) => Payload::Motion { velocity_mps: [e, n] },
-        (1, &[f, l, y, ff, fl, fy, ll, ly, yy]) => Payload::Odometry {
+        (UWCOOP_MOTION, &[e, n]) => Payload::Motion { velocity_mps: [e, n] },
+        (UWCOOP_ODOMETRY, &[f, l, y, ff, fl, fy, ll, ly, yy]) => Payload::Odometry {
             displacement_m: [f, l],
             yaw_change_rad: y,
             covariance: [ff, fl, fy, ll, ly, yy],
         },
-        (2, &[water_depth_m, sigma_m]) => Payload::WaterDepth { water_depth_m, sigma_m },
-        (3, &[depth_m, sigma_m]) => Payload::Depth { depth_m, sigma_m },
-        (4, &[yaw_rad, sigma_rad]) => Payload::Heading { yaw_rad, sigma_rad },
-        (5, &[yaw_rate_radps, sigma_radps]) => Payload::TurnRate { yaw_rate_radps, sigma_radps },
-        (6, &[f, l, sigma_mps]) => Payload::GroundVelocity { velocity_mps: [f, l], sigma_mps },
-        (7, &[e, n, ee, en, nn]) => Payload::Fix { position_m: [e, n], covariance_m2: [ee, en, nn] },
-        (0..=7, _) => {
-            return Err(Failure::Argument(format!("kind {kind} has another number of values than {}", values.len())))
+        (UWCOOP_WATER_DEPTH, &[water_depth_m, sigma_m]) => Payload::WaterDepth { water_depth_m, sigma_m },
+        (UWCOOP_DEPTH, &[depth_m, sigma_m]) => Payload::Depth { depth_m, sigma_m },
+        (UWCOOP_HEADING, &[yaw_rad, sigma_rad]) => Payload::Heading { yaw_rad, sigma_rad },
+        (UWCOOP_TURN_RATE, &[yaw_rate_radps, sigma_radps]) => {
+            Payload::TurnRate { yaw_rate_radps, sigma_radps }
         }
-        _ => return Err(Failure::Argument(format!("kind is {kind}: must be 0 to 7"))),
+        (UWCOOP_GROUND_VELOCITY, &[f, l, sigma_mps]) => {
+            Payload::GroundVelocity { velocity_mps: [f, l], sigma_mps }
+        }
+        (UWCOOP_FIX, &[e, n, ee, en, nn]) => Payload::Fix { position_m: [e, n], covariance_m2: [ee, en, nn] },
+        _ => return Err(Failure::Argument(format!("{kind:?} does not have {} values", values.len()))),
     };
     Ok(found)
 }
@@ -68,7 +88,7 @@ pub unsafe extern "C" fn uwcoop_handle(
     // SAFETY: the caller's word; `values` is valid for `count` values.
     unsafe {
         with(navigator, |inner, vehicle| {
-            let payload = payload(kind, slice_of("values", values, count)?)?;
+            let payload = payload(uwcoop_kind::of(kind)?, slice_of("values", values, count)?)?;
             let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
             if !outcome.is_null() {
                 outcome.write(found);

@@ -243,7 +243,8 @@ pub unsafe extern "C" fn uwcoop_authenticate(
     guarded(|| {
         // SAFETY: `key` is valid for `key_bytes`.
         let key = unsafe { slice_of("key", key, key_bytes) }?;
-        let authenticator = Authenticator::new(key, tag_bytes, mission).map_err(uwcoop_core::error::Error::from)?;
+        let authenticator =
+            Authenticator::new(key, tag_bytes, mission).map_err(uwcoop_core::error::Error::from)?;
         let inner = held.inner.take().ok_or(Failure::Broken)?;
         held.inner = Some(Box::new(Authenticated::new(inner, held.vehicle, held.vehicles, authenticator)));
         Ok(())
