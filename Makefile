@@ -28,6 +28,7 @@ demo: build                 ## the packaged mission: table, pictures, replay in 
 
 test: $(UV)                 ## core tests, then the wheel built and installed, then pytest
 	cargo test --locked -q --profile checked -p uwcoop-core
+	cargo build --locked -q --profile checked -p uwcoop-capi
 	$(SYNC) --no-editable
 	.venv/bin/python -m pytest -n auto --dist loadfile $(PYTEST_ARGS)
 

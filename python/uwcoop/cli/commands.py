@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uwcoop.cli.chart_command import chart as chart_command
+from uwcoop.cli.onboard_commands import black_box, channel, node, watch
 from uwcoop.cli.options import (
     ChartFileOption,
     FiguresOption,
@@ -64,6 +65,10 @@ EXAMPLES = {
     "study": "uwcoop study flat-bay --runs 50 --navigator mpf,team --vary acoustics.loss.probability=0.0,0.4 -o loss",
     "reproduce": "uwcoop reproduce walls2012 --quick -o walls2012",
     "view": "uwcoop view out",
+    "node": "uwcoop node --vehicle V1 --scenario flat-bay --state v1",
+    "channel": "uwcoop channel --play mission.mcap --speed 20",
+    "watch": "uwcoop watch --scenario flat-bay",
+    "black-box": "uwcoop black-box --vehicle V1 --scenario flat-bay --state v1 -o dive.mcap",
 }
 """One for each command, at the end of its help."""
 
@@ -105,8 +110,9 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-for _command in (scenarios, keys, budget, chart_command, reproduce):
-    app.command(epilog=_example(_command.__name__))(_command)
+for _command in (scenarios, keys, budget, chart_command, reproduce, node, channel, watch, black_box):
+    _name = _command.__name__.replace("_", "-")
+    app.command(_name, epilog=_example(_name))(_command)
 
 
 @app.command(epilog=_example("simulate"))

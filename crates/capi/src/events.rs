@@ -1,0 +1,127 @@
+//! Events from C.
+
+use std::sync::Arc;
+
+use uwcoop_core::event::{Event, Payload};
+
+use crate::arguments::{slice_of, Failure};
+use crate::{outcome_of, uwcoop_code, uwcoop_navigator, uwcoop_outcome, with};
+
+/// What a sensor says, and its values in their order. World frame: local east–north, m; body frame: forward–left; angles
+/// rad, yaw counter-clockwise from east; sigmas are standard deviations.
+#[repr(i32)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum uwcoop_kind {
+    /// Commanded velocity through the water: east, north, m/s.
+    UWCOOP_MOTION = 0,
+    /// Since the last one: forward m, left m, yaw rad; covariance ff, fl, fy, ll, ly, yy.
+    UWCOOP_ODOMETRY = 1,
+    /// Surface to seabed: m, sigma m.
+    UWCOOP_WATER_DEPTH = 2,
+    /// Own depth: m, sigma m.
+    UWCOOP_DEPTH = 3,
+    /// Yaw: rad, sigma rad.
+    UWCOOP_HEADING = 4,
+    /// Yaw rate: rad/s, sigma rad/s.
+    UWCOOP_TURN_RATE = 5,
+    /// Over ground: forward, left, sigma, m/s.
+    UWCOOP_GROUND_VELOCITY = 6,
+    /// Position: east m, north m; covariance ee, en, nn, m².
+    UWCOOP_FIX = 7,
+}
+
+impl uwcoop_kind {
+    /// The kind of this number, which C may choose freely.
+    fn of(number: i32) -> Result<Self, Failure> {
+        const ALL: [uwcoop_kind; 8] = [
+            uwcoop_kind::UWCOOP_MOTION,
+            uwcoop_kind::UWCOOP_ODOMETRY,
+            uwcoop_kind::UWCOOP_WATER_DEPTH,
+            uwcoop_kind::UWCOOP_DEPTH,
+            uwcoop_kind::UWCOOP_HEADING,
+            uwcoop_kind::UWCOOP_TURN_RATE,
+            uwcoop_kind::UWCOOP_GROUND_VELOCITY,
+            uwcoop_kind::UWCOOP_FIX,
+        ];
+        let found = ALL.into_iter().find(|kind| *kind as i32 == number);
+        found.ok_or_else(|| Failure::Argument(format!("kind is {number}: must be 0 to 7")))
+    }
+}
+
+/// The payload of a kind with its values.
+fn payload(kind: uwcoop_kind, values: &[f64]) -> Result<Payload, Failure> {
+    use uwcoop_kind::*;
+    let found = match (kind, values) {
+        (UWCOOP_MOTION, &[e, n]) => Payload::Motion { velocity_mps: [e, n] },
+        (UWCOOP_ODOMETRY, &[f, l, y, ff, fl, fy, ll, ly, yy]) => Payload::Odometry {
+            displacement_m: [f, l],
+            yaw_change_rad: y,
+            covariance: [ff, fl, fy, ll, ly, yy],
+        },
+        (UWCOOP_WATER_DEPTH, &[water_depth_m, sigma_m]) => Payload::WaterDepth { water_depth_m, sigma_m },
+        (UWCOOP_DEPTH, &[depth_m, sigma_m]) => Payload::Depth { depth_m, sigma_m },
+        (UWCOOP_HEADING, &[yaw_rad, sigma_rad]) => Payload::Heading { yaw_rad, sigma_rad },
+        (UWCOOP_TURN_RATE, &[yaw_rate_radps, sigma_radps]) => {
+            Payload::TurnRate { yaw_rate_radps, sigma_radps }
+        }
+        (UWCOOP_GROUND_VELOCITY, &[f, l, sigma_mps]) => {
+            Payload::GroundVelocity { velocity_mps: [f, l], sigma_mps }
+        }
+        (UWCOOP_FIX, &[e, n, ee, en, nn]) => Payload::Fix { position_m: [e, n], covariance_m2: [ee, en, nn] },
+        _ => return Err(Failure::Argument(format!("{kind:?} does not have {} values", values.len()))),
+    };
+    Ok(found)
+}
+
+/// Hand over what a sensor said at `t_ns`, a `kind` of `uwcoop_kind`, with its `count` values. Events come in the order of time.
+///
+/// `outcome` may be null.
+#[no_mangle]
+pub unsafe extern "C" fn uwcoop_handle(
+    navigator: *mut uwcoop_navigator,
+    t_ns: i64,
+    kind: i32,
+    values: *const f64,
+    count: usize,
+    outcome: *mut uwcoop_outcome,
+) -> uwcoop_code {
+    // SAFETY: the caller's word; `values` is valid for `count` values.
+    unsafe {
+        with(navigator, |inner, vehicle| {
+            let payload = payload(uwcoop_kind::of(kind)?, slice_of("values", values, count)?)?;
+            let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
+            if !outcome.is_null() {
+                outcome.write(found);
+            }
+            Ok(())
+        })
+    }
+}
+
+/// Hand over a packet: `t_ns` when decoding ended, `tol_ns` launch, `toa_ns` arrival of the signal's start.
+///
+/// `outcome` may be null.
+#[no_mangle]
+pub unsafe extern "C" fn uwcoop_receive(
+    navigator: *mut uwcoop_navigator,
+    t_ns: i64,
+    sender: u16,
+    tol_ns: i64,
+    toa_ns: i64,
+    packet: *const u8,
+    packet_bytes: usize,
+    outcome: *mut uwcoop_outcome,
+) -> uwcoop_code {
+    // SAFETY: the caller's word; `packet` is valid for `packet_bytes`.
+    unsafe {
+        with(navigator, |inner, vehicle| {
+            let bytes: Arc<[u8]> = slice_of("packet", packet, packet_bytes)?.into();
+            let payload = Payload::Reception { sender, tol_ns, toa_ns, bytes };
+            let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
+            if !outcome.is_null() {
+                outcome.write(found);
+            }
+            Ok(())
+        })
+    }
+}

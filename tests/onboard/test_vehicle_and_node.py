@@ -1,0 +1,248 @@
+"""A vehicle's navigator and a node in one process: the bits of `uwcoop run`, kills, what is refused."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import uwcoop
+from onboard_dive import SECOND_NS, Dive, assert_same, scenario, tracks_by_time
+from uwcoop.errors import LogError, NavigatorError, ScenarioError
+from uwcoop.onboard import (
+    Journal,
+    MessageError,
+    Node,
+    VehicleNavigator,
+    event_message,
+    event_of,
+    read_black_box,
+    write_black_box,
+)
+from uwcoop.onboard.messages import decode, encode
+
+
+@pytest.fixture(scope="module")
+def log():
+    return uwcoop.simulate(scenario())
+
+
+@pytest.fixture(scope="module")
+def expected(log):
+    return tracks_by_time(log)
+
+
+def test_nodes_give_the_bits_of_the_replay(log, expected) -> None:
+    dive = Dive(log, scenario())
+    dive.fly()
+    assert assert_same(dive.said, expected) == 61 * 3
+    assert sum(node.counts["fused"] for node in dive.nodes) > 300
+    assert not any(node.counts["late"] for node in dive.nodes)
+
+
+@pytest.mark.parametrize("tag_bytes", [0, 4])
+def test_killed_at_any_moment_a_node_goes_on_with_the_same_bits(tmp_path, tag_bytes) -> None:
+    key = [f"acoustics.authentication={{tag_bytes={tag_bytes}, key_hex='{'5a' * 16}', mission=3}}"] * bool(
+        tag_bytes
+    )
+    mission = scenario(*key)
+    log = uwcoop.simulate(mission)
+    dive = Dive(log, mission, tmp_path)
+    chance = random.Random(tag_bytes)
+    kills = 0
+
+    def before_step(t_ns: int) -> None:
+        nonlocal kills
+        if chance.random() < 0.15:
+            dive.kill(chance.randrange(3))
+            kills += 1
+        if chance.random() < 0.1:
+            dive.nodes[chance.randrange(3)].checkpoint()
+
+    dive.fly(before_step)
+    assert kills >= 5
+    assert assert_same(dive.said, tracks_by_time(log)) >= 61 * 3
+    launched = [(message["vehicle"], message["tol_ns"]) for message in dive.launched]
+    assert len(set(launched)) == len(launched) >= 15
+    assert len(list((tmp_path / "0").glob("journal-*"))) > 1, "the journal was rotated"
+
+
+def test_the_black_box_replays_to_the_same_bits(log, expected, tmp_path) -> None:
+    dive = Dive(log, scenario(), tmp_path)
+    dive.fly()
+    for k, node in enumerate(dive.nodes):
+        box = write_black_box(tmp_path / str(k), node.vehicle, tmp_path / f"{k}.mcap")
+        assert box.difference(uwcoop.load_log(tmp_path / f"{k}.mcap")) is None
+        replayed = tracks_by_time(box)
+        common = replayed.keys() & expected.keys()
+        assert len(common) > 60
+        for t_ns in common:
+            for mine, theirs in zip(replayed[t_ns], expected[t_ns], strict=True):
+                np.testing.assert_array_equal(mine[k], theirs[k])
+        assert len(box.payloads) > 5
+
+
+def test_a_refused_event_is_in_the_journal_and_not_in_the_black_box(tmp_path) -> None:
+    made = VehicleNavigator.from_scenario(scenario(), "V1")
+    node = Node(made, lambda message: None, Journal(tmp_path, made.digest))
+    reception = {"sender": 0, "tol_ns": 0, "toa_ns": SECOND_NS, "bytes": b"\0" * 8}  # from itself
+    node.take(uwcoop.Event(SECOND_NS, 0, "motion", velocity_e_mps=1.0, velocity_n_mps=0.0))
+    node.take(uwcoop.Event(2 * SECOND_NS, 0, "reception", **reception))
+    node.advance(3 * SECOND_NS)
+    assert node.counts["refused"] == 1
+    assert "event refused" in node.alarms
+    box = read_black_box(tmp_path, made)
+    assert box.payloads == []
+    assert box.events["motion"]["t_ns"].tolist() == [SECOND_NS]
+
+
+def test_late_events_are_counted_and_said_and_change_nothing() -> None:
+    said = []
+    node = Node(VehicleNavigator.from_scenario(scenario(), "V1"), said.append)
+    event = {"velocity_e_mps": 1.0, "velocity_n_mps": 0.0}
+    node.take(uwcoop.Event(5 * SECOND_NS, 0, "motion", **event))
+    node.advance(6 * SECOND_NS)
+    state = node.vehicle.save()
+    assert not node.take(uwcoop.Event(4 * SECOND_NS, 0, "motion", **event))
+    node.advance(6 * SECOND_NS)
+    assert node.vehicle.save() == state
+    assert node.counts["late"] == 1
+    assert [m["alarm"] for m in said if m["type"] == "diagnostic"][-1] == "late event"
+
+
+def test_a_silent_sensor_and_a_missed_slot_raise_alarms_once() -> None:
+    said = []
+    node = Node(VehicleNavigator.from_scenario(scenario(), "V1"), said.append, silent_after_s=4.0)
+    for second in (0, 1, 2):
+        node.take(uwcoop.Event(second * SECOND_NS, 0, "depth", depth_m=2.0, sigma_m=0.1))
+    node.advance(12 * SECOND_NS)
+    node.take(uwcoop.Event(13 * SECOND_NS, 0, "depth", depth_m=2.0, sigma_m=0.1))
+    node.advance(13 * SECOND_NS)
+    told = [(m["alarm"], m["raised"]) for m in said if m["type"] == "diagnostic"]
+    assert told.count(("depth silent", True)) == 1
+    assert told.count(("depth silent", False)) == 1
+    assert told.count(("slot missed", True)) == 1
+    assert node.counts["missed"] == 2  # of the slots at 0, 9 s; that at 18 s is to come
+    assert node.next_slot_ns == 18 * SECOND_NS
+
+
+def test_a_state_belongs_to_its_mission_vehicle_and_navigator() -> None:
+    made = VehicleNavigator.from_scenario(scenario(), "V1")
+    state = made.save()
+    for other in (
+        VehicleNavigator.from_scenario(scenario(), "V2"),
+        VehicleNavigator.from_scenario(scenario(), "V1", "mpf"),
+        VehicleNavigator.from_scenario(scenario(), "V1", seed=5),
+        VehicleNavigator.from_scenario(scenario("navigator.team.particles=301"), "V1"),
+    ):
+        with pytest.raises(NavigatorError, match="saved for another"):
+            other.restore(state)
+    with pytest.raises(NavigatorError, match="no state"):
+        made.restore(b"junk")
+    with pytest.raises(NavigatorError):
+        made.restore(state[:-9])
+    assert made.save() == state
+
+
+@pytest.mark.parametrize(
+    ("more", "vehicle", "navigator", "line"),
+    [
+        ((), "V9", None, "not in the team"),
+        ((), 3, None, "must be 0 to 2"),
+        ((), "V1", "deif", "no vehicle has"),
+        ((), "V1", "teem", "did you mean 'team'"),
+        (("acoustics.authentication={tag_bytes=4}",), "V1", None, "no key"),
+        (("acoustics.ranging='two-way'", "acoustics.slot_s=8"), "V1", None, "one-way"),
+    ],
+)
+def test_what_a_node_cannot_run_is_refused(more, vehicle, navigator, line) -> None:
+    with pytest.raises((ScenarioError, NavigatorError), match=line):
+        VehicleNavigator.from_scenario(scenario(*more), vehicle, navigator)
+    with pytest.raises(ScenarioError, match="exchange"):
+        VehicleNavigator.from_scenario("seafloor-survey", 0)
+
+
+def test_damaged_journals(tmp_path) -> None:
+    made = VehicleNavigator.from_scenario(scenario(), "V1")
+    journal = Journal(tmp_path, made.digest)
+    with pytest.raises(LogError, match="another node"):
+        Journal(tmp_path, made.digest)
+    node = Node(made, lambda message: None, journal)
+    node.take(uwcoop.Event(0, 0, "motion", velocity_e_mps=1.0, velocity_n_mps=0.0))
+    node.advance(0)
+    node.checkpoint()
+    state = made.save()
+    journal.close()
+    with pytest.raises(LogError, match="another scenario"):
+        Journal(tmp_path, "0" * 64)
+    path = next(tmp_path.glob("journal-*"))
+    with path.open("ab") as file:
+        file.write(b'{"type":"event","t_ns":1000')  # power went
+    again = VehicleNavigator.from_scenario(scenario(), "V1")
+    node = Node(again, lambda message: None, Journal(tmp_path, made.digest))
+    assert again.save() == state
+    assert "journal cut" in node.alarms
+    node.journal.close()
+    checkpoint = tmp_path / "checkpoint"
+    checkpoint.write_bytes(checkpoint.read_bytes()[:-1] + b"\0\0")
+    journal = Journal(tmp_path, made.digest)
+    with pytest.raises(LogError, match="SHA-256"):
+        Node(VehicleNavigator.from_scenario(scenario(), "V1"), lambda message: None, journal)
+
+
+FLOAT = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e3, max_value=1e3)
+
+
+@given(FLOAT, FLOAT, st.integers(0, 10**15), st.binary(max_size=40))
+@settings(max_examples=60)
+def test_messages_come_back_bit_for_bit(e_m, n_m, t_ns, packet) -> None:
+    for event in (
+        uwcoop.Event(t_ns, 1, "motion", velocity_e_mps=e_m / 100, velocity_n_mps=n_m / 100),
+        uwcoop.Event(t_ns + 9, 2, "reception", sender=0, tol_ns=t_ns, toa_ns=t_ns + 5, bytes=packet),
+        uwcoop.Event(
+            t_ns + 9, 0, "acoustic_fix", peer=1, transmit_ns=t_ns, range_m=abs(e_m) + 1,
+            own_bearing_rad=float("nan"), peer_bearing_rad=float("nan"),
+        ),
+    ):  # fmt: skip
+        (message,) = decode(encode(event_message(event)))
+        assert repr(event_of(message)) == repr(event)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text("ab01", max_size=4),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text("ab01", max_size=4), inner, max_size=3)
+    ),
+    max_leaves=6,
+)
+NAMES = st.sampled_from(
+    ["t_ns", "vehicle", "velocity_e_mps", "velocity_n_mps", "sender", "bytes", "depth_m", "x"]
+)
+
+
+@given(
+    st.dictionaries(NAMES, JSON, max_size=5),
+    st.sampled_from(["motion", "reception", "depth", "", "fix", 3, None]),
+)
+@settings(max_examples=200)
+def test_no_message_does_harm(fields, kind) -> None:
+    try:
+        event = event_of({"type": "event", "kind": kind, **fields})
+    except MessageError:
+        return
+    assert isinstance(event, uwcoop.Event)
+
+
+def test_the_journal_is_not_ahead_of_its_files(tmp_path) -> None:
+    made = VehicleNavigator.from_scenario(scenario(), "V1")
+    journal = Journal(tmp_path, made.digest)
+    journal.append({"type": "slot", "tol_ns": 0, "capacity_bytes": 32}, sync=True)
+    journal.checkpoint(made.save(), {"done": [0, 2, 0], "counts": {}, "heard_ns": {}})
+    journal.close()
+    path = next(tmp_path.glob("journal-*"))
+    path.write_bytes(path.read_bytes().splitlines(keepends=True)[0])
+    with pytest.raises(LogError, match="ahead of its journal"):
+        Node(made, lambda message: None, Journal(tmp_path, made.digest))
