@@ -2,8 +2,8 @@
 
 ```` ```toml title="bay.toml" ```` and ```` ```python title="x.py" ```` are written to that file first,
 ```` ```console ```` holds `$ uwcoop ...` commands, each with what it prints; a ```` ```text ```` block right below a
-```` ```python ```` block holds what that prints. A line `…` stands for lines that are left out. A block is not run when the line before its fence is
-`<!-- no-run: why -->`.
+```` ```python ```` block holds what that prints. A line `…` stands for lines that are left out. A block is not run
+when the line before its fence is `<!-- no-run: why -->`.
 
     python docs/pages.py [PAGE...]     run the pages (all guides) and write what they print into them
 """

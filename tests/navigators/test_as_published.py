@@ -38,13 +38,17 @@ def test_equation_6_breaks_in_a_long_hold() -> None:
 def check_reconstructions(seed: int) -> int:
     """Every due reconstruction comes with the first complete low positioning; how many there were."""
     overrides = ["mutual.channel_dropout_share=0.3", "navigator.landmark-paper.particles=600"]
-    result = uwcoop.run("seafloor-survey-kidnap", ["landmark-paper"], seed=seed, overrides=overrides, clouds=False)
+    result = uwcoop.run(
+        "seafloor-survey-kidnap", ["landmark-paper"], seed=seed, overrides=overrides, clouds=False
+    )
     fixes = result.log.events["acoustic_fix"]
     time = result.tracks["time"].values
     made = 0
     for vehicle in range(2):
         own = fixes["vehicle"] == vehicle
-        complete = np.isfinite([fixes[c][own] for c in ("range_m", "own_bearing_rad", "peer_bearing_rad")]).all(axis=0)
+        complete = np.isfinite(
+            [fixes[c][own] for c in ("range_m", "own_bearing_rad", "peer_bearing_rad")]
+        ).all(axis=0)
         lows, counted = (
             np.nan_to_num(result.tracks[name].values[0, vehicle]) for name in ("lows", "reconstructions")
         )
@@ -79,7 +83,9 @@ def test_a_due_reconstruction_waits_over_many_seeds() -> None:
 
 def test_mixture_gate_reconstructs() -> None:
     overrides = ["navigator.landmark-paper.gate=mixture", "navigator.landmark-paper.particles=600"]
-    tracks = uwcoop.run("seafloor-survey-kidnap", ["landmark-paper"], seed=0, overrides=overrides, clouds=False).tracks
+    tracks = uwcoop.run(
+        "seafloor-survey-kidnap", ["landmark-paper"], seed=0, overrides=overrides, clouds=False
+    ).tracks
     assert np.nansum(tracks["reconstructions"].values[0, :, -1]) >= 1
 
 
@@ -110,7 +116,9 @@ def test_slant_ranges_are_reduced_by_the_depths(navigator: str) -> None:
 def test_roughening_follows_the_cell() -> None:
     def positions(*overrides: str) -> np.ndarray:
         short = ["duration_s=60", "chart.cell_m=4", *overrides]
-        return uwcoop.run("st-john", ["dmpf"], seed=0, overrides=short, clouds=False).tracks["position_m"].values
+        return (
+            uwcoop.run("st-john", ["dmpf"], seed=0, overrides=short, clouds=False).tracks["position_m"].values
+        )
 
     assert np.array_equal(positions(), positions("navigator.dmpf.roughening_m2=8.0"))
     assert not np.array_equal(positions(), positions("navigator.dmpf.roughening_m2=2.0"))
@@ -147,7 +155,13 @@ def test_information_of_updates() -> None:
 def test_information_of_a_range_is_that_of_its_update() -> None:
     short = ["duration_s=40"]
     runs = [
-        uwcoop.run("st-john", ["ranging-only"], seed=0, overrides=[*short, f"diagnostics.entropy={how}"], clouds=False)
+        uwcoop.run(
+            "st-john",
+            ["ranging-only"],
+            seed=0,
+            overrides=[*short, f"diagnostics.entropy={how}"],
+            clouds=False,
+        )
         for how in ("at_reception", "at_updates")
     ]
     heard = runs[0].tracks["mutual_information"].values[0]

@@ -44,7 +44,7 @@ const NEAR_M: f64 = 1.0;
 const SOUNDINGS_AT_HAND_OVER: u32 = 60;
 /// A seabed that goes on from the last sounding may change by so many times the variance that is usual in the region: what is
 /// known from the chart must explain a sounding better than what is known without, and does so by chance nowhere for long.
-const UNUSUAL: f64 = 25.0;
+const UNUSUAL: f64 = 9.0;
 /// Soundings that share an error when a vehicle hardly moves: enough to make one count for nothing.
 const MOST_SHARED: f64 = 1e6;
 
