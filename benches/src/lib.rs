@@ -101,6 +101,7 @@ pub fn mpf_options(particles: usize) -> MpfOptions {
             sigma_map_m: Some(0.1),
             sounding_spacing_m: 0.0,
             least_ess_share: 0.02,
+            depth_noise_factor_max: Some(4.0),
             acquisition_sigma_m: 1e6,
             acquisition_particles: particles,
             start_anywhere: false,
