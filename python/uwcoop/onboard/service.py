@@ -120,7 +120,8 @@ class NodeService:
                 self._watch_channel()
             else:
                 self._pass_time(self.clock)
-                self.ended = self.node.now_ns >= duration_ns or self.clock.now_ns() > duration_ns + SECOND_NS
+                late_ns = round((1.0 + self.options.reorder_s) * SECOND_NS)
+                self.ended = self.node.now_ns >= duration_ns or self.clock.now_ns() > duration_ns + late_ns
             if time.monotonic() - self._checkpoint_s >= self.options.checkpoint_s:
                 self._checkpoint_s = time.monotonic()
                 self.node.checkpoint()
