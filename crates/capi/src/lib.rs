@@ -5,6 +5,8 @@
 //! `uwcoop_destroy`. A navigator may move between threads, but not be used by two at a time.
 
 #![allow(non_camel_case_types)]
+// C has one space of names for all constants.
+#![allow(clippy::enum_variant_names)]
 // A C interface is made of raw pointers: each function states what it asks of them.
 #![allow(unsafe_code)]
 #![allow(clippy::missing_safety_doc)]

@@ -11,7 +11,10 @@ from uwcoop.cli.options import SeedOption
 from uwcoop.cli.terminal import say
 
 if TYPE_CHECKING:
+    from uwcoop.onboard.modems import Modem
+    from uwcoop.onboard.service import SystemClock
     from uwcoop.onboard.transports import Address
+    from uwcoop.onboard.vehicle import VehicleNavigator
 
 __all__ = ["black_box", "channel", "node", "watch"]
 
@@ -72,6 +75,13 @@ def node(
         typer.Option("--black-box", metavar="FILE.mcap", help="At the end, the dive as a log for `uwcoop run`."),
     ] = None,
     epoch: EpochOption = None,
+    modem: Annotated[
+        str | None,
+        typer.Option(
+            metavar="micromodem:DEVICE",
+            help="With --epoch: a WHOI Micromodem at tcp:HOST:PORT or serial:PATH:BAUD, instead of the channel.",
+        ),
+    ] = None,
     transport: Annotated[str, typer.Option(metavar="udp|zenoh", help="How messages travel.")] = "udp",
     base_port: PortOption = BASE_PORT,
     peer: PeerOption = None,
@@ -106,7 +116,9 @@ def node(
     clock = None if epoch is None else SystemClock(round(epoch * 1e9))
     journal = None if state is None else Journal(state, made.digest)
     options = ServiceOptions(checkpoint_s, reorder_s, lead_s, silent_after_s=silent_after_s)
-    service = NodeService(made, wires, journal, clock=clock, options=options)
+    service = NodeService(
+        made, wires, journal, clock=clock, modem=_modem(modem, made, clock), options=options
+    )
     time_of = (
         "the channel's"
         if clock is None
@@ -228,11 +240,21 @@ def black_box(
     _write_black_box(state, VehicleNavigator.from_scenario(scenario, vehicle, navigator, seed=seed), output)
 
 
-def _write_black_box(state: Path, made: object, path: Path) -> None:
-    from uwcoop.onboard.black_box import write_black_box
-    from uwcoop.onboard.vehicle import VehicleNavigator
+def _modem(text: str | None, made: VehicleNavigator, clock: SystemClock | None) -> Modem | None:
+    from uwcoop.onboard.lines import open_line
+    from uwcoop.onboard.micromodem import Micromodem
 
-    assert isinstance(made, VehicleNavigator)
+    if text is None:
+        return None
+    kind, _, device = text.partition(":")
+    if kind != "micromodem" or clock is None:
+        raise typer.BadParameter("must be micromodem:DEVICE, and needs --epoch", param_hint="--modem")
+    return Micromodem(open_line(device), made.mission, made.index, clock.now_ns, clock.epoch_ns)
+
+
+def _write_black_box(state: Path, made: VehicleNavigator, path: Path) -> None:
+    from uwcoop.onboard.black_box import write_black_box
+
     log = write_black_box(state, made, path)
     events = sum(len(table["t_ns"]) for table in log.events.values())
     used = len(log.slots["tol_ns"]) if log.slots else 0

@@ -20,6 +20,9 @@ __all__ = ["ChannelModem", "Modem"]
 class Modem(Protocol):
     """One vehicle's acoustic modem."""
 
+    overhead_bytes: int
+    """What it adds to a packet: the slot holds so much less."""
+
     def send(self, packet: bytes, tol_ns: int) -> None:
         """Launch the packet at `tol_ns`, which lies ahead by the node's lead."""
 
@@ -29,6 +32,8 @@ class Modem(Protocol):
 
 class ChannelModem:
     """The simulated water's: launches go to `uwcoop channel`, whose receptions come as messages to the node."""
+
+    overhead_bytes = 0
 
     def __init__(self, transport: Transport, vehicle: int) -> None:
         self._transport, self._vehicle = transport, vehicle

@@ -43,6 +43,7 @@ class Node:
         journal: Journal | None = None,
         *,
         silent_after_s: float = 10.0,
+        overhead_bytes: int = 0,
     ) -> None:
         """Make a node, and resume what its journal holds.
 
@@ -50,12 +51,14 @@ class Node:
             vehicle: its navigator, fresh.
             out: takes `launch`, `estimate` and `diagnostic` messages.
             journal: None: nothing is kept, a node that is killed starts anew.
+            overhead_bytes: what the modem adds to a packet.
             silent_after_s: a kind of sensor event that came and then does not for so long raises an alarm.
 
         Raises:
             LogError, NavigatorError: a journal that does not belong to this navigator, or is damaged.
         """
         self.vehicle, self.journal = vehicle, journal
+        self._overhead_bytes = overhead_bytes
         self._out = out
         self._silent_ns = round(silent_after_s * SECOND_NS)
         self._queue: list[tuple[Key, int, Event]] = []
@@ -204,10 +207,11 @@ class Node:
             self.alarm("slot missed", f"the slot at {slot.tol_ns / SECOND_NS:.3f} s was missed")
             return
         self.clear("slot missed", f"the slot at {slot.tol_ns / SECOND_NS:.3f} s is used")
+        room_bytes = max(slot.capacity_bytes - self._overhead_bytes, 0)
         if self.journal is not None:
-            line = {"type": "slot", "tol_ns": slot.tol_ns, "capacity_bytes": slot.capacity_bytes}
+            line = {"type": "slot", "tol_ns": slot.tol_ns, "capacity_bytes": room_bytes}
             self.journal.append(line, sync=True)
-        packet = self._packet(slot.tol_ns, slot.capacity_bytes, key)
+        packet = self._packet(slot.tol_ns, room_bytes, key)
         if packet is not None:
             self._out(
                 {

@@ -94,7 +94,13 @@ class NodeService:
         self.options = options or ServiceOptions()
         self.transport, self.clock, self.journal, self.drivers = transport, clock, journal, drivers
         self.modem = modem or ChannelModem(transport, vehicle.index)
-        self.node = Node(vehicle, self._out, journal, silent_after_s=self.options.silent_after_s)
+        self.node = Node(
+            vehicle,
+            self._out,
+            journal,
+            silent_after_s=self.options.silent_after_s,
+            overhead_bytes=self.modem.overhead_bytes,
+        )
         self.ended = False
         self._taken = 0
         self._baseline: int | None = None
@@ -114,7 +120,8 @@ class NodeService:
                 self._watch_channel()
             else:
                 self._pass_time(self.clock)
-                self.ended = self.node.now_ns >= duration_ns or self.clock.now_ns() > duration_ns + SECOND_NS
+                late_ns = round((1.0 + self.options.reorder_s) * SECOND_NS)
+                self.ended = self.node.now_ns >= duration_ns or self.clock.now_ns() > duration_ns + late_ns
             if time.monotonic() - self._checkpoint_s >= self.options.checkpoint_s:
                 self._checkpoint_s = time.monotonic()
                 self.node.checkpoint()
@@ -209,8 +216,9 @@ class NodeService:
         due = [self.node.next_sample_ns + round(self.options.reorder_s * SECOND_NS)]
         if self.node.next_slot_ns is not None:
             due.append(self.node.next_slot_ns - round(self.options.lead_s * SECOND_NS))
-        # With adapters that are asked in turn, no longer than a tenth of a second.
-        return min(max(min(due) - now_ns, 0) / SECOND_NS + 0.001, 0.1 if self.drivers else 0.5)
+        # Adapters are asked in turn: a modem often enough to launch in time, drivers ten times a second.
+        asked_s = 0.01 if not isinstance(self.modem, ChannelModem) else 0.1 if self.drivers else 0.5
+        return min(max(min(due) - now_ns, 0) / SECOND_NS + 0.001, asked_s)
 
     def _malformed(self, source: str, error: UwcoopError) -> None:
         self.node.counts["malformed"] += 1

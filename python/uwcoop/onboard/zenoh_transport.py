@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import queue
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote, unquote
 
 from uwcoop.errors import MissingDependencyError, ScenarioError
 
-if TYPE_CHECKING:
-    from uwcoop.onboard.transports import Address
-
 __all__ = ["ZenohTransport"]
+
+Address = tuple[str, int]
 
 _WAITING = 4096
 """Datagrams that wait at most; what comes on top is dropped and counted."""
