@@ -41,14 +41,18 @@ def test_manifest_names_what_there_is(name: str) -> None:
 
 
 def test_unknown_paper_is_one_line() -> None:
-    with pytest.raises(ScenarioError, match="paper 'tan' is unknown: there are tan2016, matsuda2017, walls2012"):
+    with pytest.raises(
+        ScenarioError, match="paper 'tan' is unknown: there are tan2016, matsuda2017, walls2012"
+    ):
         load_paper("tan")
 
 
 def small() -> Paper:
     checks = (
         Check(measure="rms_error", of={"navigator": "dmpf"}, text="RMS (m)", paper="small", most=1e6),
-        Check(measure="rms_error", of={"navigator": "dmpf"}, text="RMS", paper="none", most=0.0, why="it errs"),
+        Check(
+            measure="rms_error", of={"navigator": "dmpf"}, text="RMS", paper="none", most=0.0, why="it errs"
+        ),
     )
     figure = Figure(id="fig-01", title="a map", flown="one", picture="map", states="a fact", checks=checks)
     flown = Flown(
@@ -56,7 +60,12 @@ def small() -> Paper:
         options=("duration_s=60", "navigator.dmpf@many.particles=900"),
     )  # fmt: skip
     return Paper(
-        name="small", short="small", cites="A & B <2000>", note="n", missions={"one": flown}, figures=(figure,)
+        name="small",
+        short="small",
+        cites="A & B <2000>",
+        note="n",
+        missions={"one": flown},
+        figures=(figure,),
     )
 
 
@@ -67,7 +76,9 @@ def test_report_and_resume(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert (tmp_path / "small-fig-01.png").stat().st_size > 10_000
     write_report(paper, outcomes, tmp_path, quick=False)
     text = (tmp_path / "report.md").read_text()
-    assert "1 of 2 statements hold" in text and "Why not: RMS: it errs" in text and "![a map]" in text
+    assert "1 of 2 statements hold" in text
+    assert "Why not: RMS: it errs" in text
+    assert "![a map]" in text
     assert "A &amp; B &lt;2000&gt;" in (tmp_path / "report.html").read_text()
 
     def refuse(*_: object) -> None:

@@ -31,7 +31,16 @@ TEXTS = {
 }
 """Text of each diagnostic of the packaged navigators that has one; the name says the others."""
 
-_UNITS = {"_radps": "rad/s", "_mps": "m/s", "_rad": "rad", "_m": "m", "_s": "s", "_ns": "ns", "_nat": "nat", "_m2": "m2"}
+_UNITS = {
+    "_radps": "rad/s",
+    "_mps": "m/s",
+    "_rad": "rad",
+    "_m": "m",
+    "_s": "s",
+    "_ns": "ns",
+    "_nat": "nat",
+    "_m2": "m2",
+}
 
 
 def attributes_of(name: str) -> dict[str, str]:

@@ -104,7 +104,9 @@ def gains_of(tracks: xr.Dataset) -> list[Gain]:
     elif "mutual_information" in tracks:
         gained = tracks["mutual_information"].transpose(*order).values.astype(np.float64)
     else:
-        raise TracksError("no information gain is recorded: set diagnostics.entropy = at_updates or at_reception")
+        raise TracksError(
+            "no information gain is recorded: set diagnostics.entropy = at_updates or at_reception"
+        )
     error = tracks["error_m"] if "error_m" in tracks else metrics.errors(tracks)
     after = _mean_after(error.transpose(*order).values.astype(np.float64), tracks["time"].values)
     settled = tracks["time"].values > float(tracks.attrs["settle_s"])

@@ -12,11 +12,11 @@ from uwcoop.figures.landmark_fixes import CHANNELS, fix_offsets
 from uwcoop.figures.style import DPI, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
+    import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
-    import xarray as xr
     from uwcoop.missionlog import MissionLog
 
     Floats = NDArray[np.float64]
@@ -27,7 +27,7 @@ THRESHOLD = 3.0
 """Table 4: k of all channels."""
 REACH = 6.0
 """Axes of offsets end at so many sigmas."""
-NAMES = ("(a) range (m)", "(b) direction by the mover (°)", "(c) direction by the landmark (°)")
+NAMES = ("(a) range (m)", "(b) by the\nmover (°)", "(c) by the\nlandmark (°)")
 
 
 def channel_likelihood(offset: Floats, sigma: float) -> Floats:
@@ -64,10 +64,13 @@ def likelihoods_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
             if own.any():
                 _draw_offsets(top, t_s[own], scale * found[channel][own], scale * REACH * SIGMA[k], v, name)
                 below.plot(t_s[own], likelihood[own], ls="", marker=".", ms=5, color=OKABE_ITO[v % 8])
-        top.axhspan(-THRESHOLD * scale * SIGMA[k], THRESHOLD * scale * SIGMA[k], color="#999999", alpha=0.15, lw=0)
+        top.axhspan(
+            -THRESHOLD * scale * SIGMA[k], THRESHOLD * scale * SIGMA[k], color="#999999", alpha=0.15, lw=0
+        )
         below.axhline(np.exp(0.5 * THRESHOLD**2), color="#111111", lw=0.8, ls="--")
         top.set_ylabel(NAMES[k], fontsize=8)
-        below.set(ylabel="likelihood", ylim=(-4, 100))
+        below.set_ylim(-4, 100)
+        below.set_ylabel("likelihood", fontsize=8)
     for axes in panels:
         for span in spans[1:]:
             axes.axvline(span.start_s, color="#111111", lw=0.7, ls=(0, (1, 1.5)))
@@ -85,9 +88,18 @@ def likelihoods_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
 def _draw_offsets(axes: Axes, t_s: Floats, values: Floats, reach: float, vehicle: int, name: str) -> None:
     colour = OKABE_ITO[vehicle % 8]
     inside = np.abs(values) <= reach
-    axes.plot(t_s[inside], values[inside], ls="", marker="o", ms=3, mfc="none", color=colour, label=f"{name} moves")
+    axes.plot(
+        t_s[inside], values[inside], ls="", marker="o", ms=3, mfc="none", color=colour, label=f"{name} moves"
+    )
     for side, mark in ((1, "^"), (-1, "v")):
         beyond = side * values > reach
-        axes.plot(t_s[beyond], np.full(int(beyond.sum()), side * 0.96 * reach), ls="", marker=mark, ms=5, color=colour)
+        axes.plot(
+            t_s[beyond],
+            np.full(int(beyond.sum()), side * 0.96 * reach),
+            ls="",
+            marker=mark,
+            ms=5,
+            color=colour,
+        )
     axes.axhline(0, color="#666666", lw=0.5)
     axes.set_ylim(-reach, reach)

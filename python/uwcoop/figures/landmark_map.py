@@ -46,7 +46,9 @@ def roles_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
             if v == span.vehicle:
                 stands = np.nanmedian(path, axis=0)
                 axes.plot(*stands, marker="s", ms=10, mfc="white", mec=colour, mew=1.6, zorder=4)
-                axes.annotate(f"{name}: landmark {k + 1}", stands, xytext=(9, 7), textcoords="offset points", fontsize=8)
+                axes.annotate(
+                    f"{name}: landmark {k + 1}", stands, xytext=(9, 7), textcoords="offset points", fontsize=8
+                )
             else:
                 axes.plot(*path.T, color=colour, lw=2.0, zorder=3)
                 middle = finite_points(path)[len(finite_points(path)) // 3]
@@ -94,7 +96,15 @@ def particles_figure(log: MissionLog, around: xr.Dataset, navigator: str) -> Fig
         new = ", reconstruction" if counts[k, 1] > counts[k, 0] else ""
         label = f"{around['t_s'].values[k]:.0f} s{new}"
         axes.annotate(label, truth, xytext=(10, -4 + 8 * (place % 2)), textcoords="offset points", fontsize=8)
-        kept.append(np.vstack([*np.quantile(points, [0.01, 0.99], axis=0), truth, np.where(np.isfinite(measured), measured, truth)]))
+        kept.append(
+            np.vstack(
+                [
+                    *np.quantile(points, [0.01, 0.99], axis=0),
+                    truth,
+                    np.where(np.isfinite(measured), measured, truth),
+                ]
+            )
+        )
     view = frame_around(np.vstack(kept), 1.0)
     axes.set(xlim=view[:2], ylim=view[2:], aspect="equal", xlabel="east (m)", ylabel="north (m)")
     axes.plot([], [], ls="", marker="+", ms=10, mew=1.8, color="#111111", label="measured by the landmark")

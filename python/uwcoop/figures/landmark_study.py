@@ -36,7 +36,9 @@ def cost_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
         left.plot(count, [row[key] for row in table], color=colour, marker=marker, ms=5, label=name)
     right.plot(count, [row["rate"] for row in table], color=OKABE_ITO[0], marker="D", ms=5)
     left.axhline(PAPER_COMPRESSION_S, color="#666666", lw=0.9, ls="--")
-    left.text(count[0], PAPER_COMPRESSION_S, "the paper's compression, 10,000 particles", fontsize=7, va="bottom")
+    left.text(
+        count[0], PAPER_COMPRESSION_S, "the paper's compression, 10,000 particles", fontsize=7, va="bottom"
+    )
     right.plot(*zip(*PAPER_RATES.items(), strict=True), ls="", marker="x", ms=8, mew=2, color="#111111")
     for particles, rate in PAPER_RATES.items():
         right.annotate(f"the paper: {rate}×", (particles, rate), xytext=(-8, 8), textcoords="offset points",
@@ -45,7 +47,9 @@ def cost_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
     right.set(xscale="log", yscale="log", xlabel="particles", ylabel="mission time / CPU time")
     left.legend(fontsize=8, frameon=False)
     for axes in (left, right):
-        axes.grid(alpha=0.3, lw=0.6, which="both")
+        axes.set_xticks(count, [f"{value:,}" for value in count])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3, lw=0.6)
         axes.tick_params(labelsize=8)
     return figure
 

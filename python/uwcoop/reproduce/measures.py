@@ -147,7 +147,9 @@ def silence(run: Any, vehicle: str, navigator: str) -> float:
     names = [str(v) for v in run.tracks["vehicle"].values]
     place = [str(n) for n in run.tracks["navigator"].values].index(navigator)
     packets = run.packets
-    own = (packets["navigator"] == place) & (packets["receiver"] == names.index(vehicle)) & packets["received"]
+    own = (
+        (packets["navigator"] == place) & (packets["receiver"] == names.index(vehicle)) & packets["received"]
+    )
     return float(np.median(np.diff(np.sort(packets["toa_ns"][own]))) / 1e9)
 
 
@@ -161,7 +163,9 @@ def information_ratio(run: Any, navigator: str, to: str) -> float:
     from uwcoop.figures.information import binned, gains_of
 
     names = [str(name) for name in run.tracks["navigator"].values]
-    curves = {names[gain.navigator]: binned(gain.information_nat, gain.error_m) for gain in gains_of(run.tracks)}
+    curves = {
+        names[gain.navigator]: binned(gain.information_nat, gain.error_m) for gain in gains_of(run.tracks)
+    }
     (x, y, _), (other_x, other_y, _) = curves[navigator], curves[to]
     low, high = max(x.min(), other_x.min()), min(x.max(), other_x.max())
     shared = np.linspace(low, high, 20)

@@ -80,7 +80,9 @@ def _traffic(run: Any) -> Figure:
 def _information(run: Any) -> Figure:
     from uwcoop.figures.information import information_figure
 
-    return information_figure(run.tracks, title=f"{run.tracks.attrs['mission']}, seed {run.tracks.attrs['seed']}")
+    return information_figure(
+        run.tracks, title=f"{run.tracks.attrs['mission']}, seed {run.tracks.attrs['seed']}"
+    )
 
 
 def _setup(run: Any) -> Figure:

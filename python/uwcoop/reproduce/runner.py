@@ -82,7 +82,9 @@ def reproduce(
         known = done.get(figure)
         if known is None:
             if figure.flown not in flown:
-                flown = {figure.flown: _fly(paper.missions[figure.flown], out / "missions" / figure.flown, quick)}
+                flown = {
+                    figure.flown: _fly(paper.missions[figure.flown], out / "missions" / figure.flown, quick)
+                }
             known = _outcome(paper, figure, flown[figure.flown], out, quick)
             done.add(known)
         outcomes.append(known)
@@ -126,12 +128,21 @@ def _fly(flown: Flown, folder: Path, quick: bool) -> Any:
     if flown.kind == "cost":
         from uwcoop.reproduce.cost import cost
 
-        return cost(flown.scenario, (flown.quick_particles if quick else ()) or flown.particles, 1 if quick else REPEATS)
+        return cost(
+            flown.scenario,
+            (flown.quick_particles if quick else ()) or flown.particles,
+            1 if quick else REPEATS,
+        )
     if flown.kind == "run":
         from uwcoop.experiment.run import run
 
         return run(
-            flown.scenario, flown.navigators, seed=flown.seed, overrides=options, clouds=flown.clouds, threads=0
+            flown.scenario,
+            flown.navigators,
+            seed=flown.seed,
+            overrides=options,
+            clouds=flown.clouds,
+            threads=0,
         )
     from uwcoop.experiment.study import study
 
@@ -176,7 +187,12 @@ def _finding(check: Check, flown: Any) -> Finding:
     high = math.inf if check.most is None else check.most
     holds = low <= value <= high
     return Finding(
-        check.text, check.paper, value if math.isfinite(value) else None, _bounds(check), holds, "" if holds else reason
+        check.text,
+        check.paper,
+        value if math.isfinite(value) else None,
+        _bounds(check),
+        holds,
+        "" if holds else reason,
     )
 
 
