@@ -1,4 +1,4 @@
-"""Methods as the papers have them: MDEIF by equation (6), reconstruction when due, slant ranges, information of updates."""
+"""Methods as the papers have them: equation (6), reconstruction when due, slant ranges, information of updates."""
 
 from __future__ import annotations
 
