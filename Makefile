@@ -1,5 +1,5 @@
 # The whole vocabulary. Every target does its own set-up on a machine with git, make, Python >= 3.11 and cargo.
-.PHONY: build demo test bench lint lock docs study fuzz clean
+.PHONY: build demo test bench lint lock docs study fuzz wheel clean
 .DEFAULT_GOAL := build
 
 UV := .tools/bin/uv
@@ -10,13 +10,20 @@ SYNC := .ci/sync $(UV)
 endif
 PYTEST_ARGS ?=
 
+RUST := 1.89
+
 $(UV):
+	@python3 -c 'import sys; sys.exit(sys.version_info < (3, 11) and "uwcoop needs Python 3.11 or newer, python3 is " + sys.version.split()[0])'
+	@have=$$(cargo --version 2>/dev/null | cut -d " " -f 2); test -n "$$have" || { echo "uwcoop needs cargo, the Rust build tool, 1.89 or newer: docs/install.md"; exit 1; }; \
+	 printf '%s\n' $(RUST) "$$have" | sort -V -C || { echo "uwcoop needs Rust $(RUST) or newer, cargo is $$have: docs/install.md"; exit 1; }
 	python3 -m pip install -q --disable-pip-version-check --target .tools uv
 
 build: $(UV)                ## .venv with the package installed in place
+	@test -d target/maturin || echo "compiling the Rust core: about 3 minutes on two cores, once"
 	$(SYNC)
 
 demo: build                 ## the packaged mission: table, pictures, replay in uwcoop-demo/
+	@echo "flying a mission of three vehicles with seven navigators, drawing it and writing its replay: about 20 seconds"
 	.venv/bin/uwcoop demo -o uwcoop-demo
 
 test: $(UV)                 ## core tests, then the wheel built and installed, then pytest
@@ -62,6 +69,19 @@ fuzz:                       ## hostile packets, events and snapshots for FUZZ_S 
 		UWCOOP_FUZZ_CASES=1000 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_fuzz || exit 1; \
 		UWCOOP_FUZZ_CASES=100 cargo test --locked -q --profile checked -p uwcoop-core --test navigator_contract any_event || exit 1; \
 	done
+
+wheel: $(UV)                ## dist/: a manylinux wheel and the source distribution of HEAD, checked and tried alone
+	rm -rf dist && mkdir -p dist/tree
+	git archive HEAD | tar -x -C dist/tree
+	dist/tree/.ci/absolute-links dist/tree/README.md
+	cd dist/tree && CARGO_TARGET_DIR=../../target $(CURDIR)/$(UV) tool run -q --from 'maturin[zig]>=1.13,<2' \
+		maturin build --release --locked --zig --compatibility manylinux_2_28 --out ..
+	cd dist/tree && $(CURDIR)/$(UV) tool run -q --from 'maturin>=1.13,<2' maturin sdist --out ..
+	rm -rf dist/tree
+	$(UV) tool run -q twine check --strict dist/*.whl dist/*.tar.gz
+	$(UV) venv -q dist/alone && $(UV) pip install -q --python dist/alone/bin/python "$$(ls dist/*.whl)[figures]"
+	dist/alone/bin/uwcoop demo -o dist/uwcoop-demo
+	ls -l dist
 
 clean:
 	rm -rf target .venv dist site uwcoop-demo
