@@ -61,6 +61,7 @@ study: build                ## the long tests and the studies behind docs/result
 	.venv/bin/python studies/results.py
 	.venv/bin/python studies/compare.py --real-runs 8
 	.venv/bin/python studies/alternating_landmark.py
+	for paper in tan2016 matsuda2017 walls2012; do .venv/bin/uwcoop reproduce $$paper -o reproduced/$$paper || exit 2; done
 
 FUZZ_S ?= 600
 fuzz:                       ## hostile packets, events and snapshots for FUZZ_S seconds, overflow checks on

@@ -51,7 +51,7 @@ def test_the_origin_is_compared_at_arrivals_alone() -> None:
     assert [text.get_text() for text in middle.get_legend().get_texts()] == ["ship's packets"]
     age = bottom.get_lines()[0].get_ydata()
     assert 10 < np.nanmax(age) < 300
-    with pytest.raises(TracksError, match="needs the navigators mdeif and one of deif"):
+    with pytest.raises(TracksError, match="needs the navigators mdeif-paper or mdeif and one of deif"):
         origin_figure(result.tracks.sel(navigator=["mdeif", "nekf"]))
 
 

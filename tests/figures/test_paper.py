@@ -265,7 +265,7 @@ def test_without_information_the_figure_says_what_to_set(
     missions: list[Mission], gathered: xr.Dataset
 ) -> None:
     for tracks in (missions[0].tracks, gathered):
-        with pytest.raises(TracksError, match=r"diagnostics\.entropy = at_reception"):
+        with pytest.raises(TracksError, match=r"diagnostics\.entropy = at_updates or at_reception"):
             information_figure(tracks, title="bay")
     trace = error_series.error_series_of(with_information(missions[0].tracks))
     many = error_series.gather({("", 0): trace, ("", 1): trace}, [""], [0, 1])

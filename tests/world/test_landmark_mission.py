@@ -209,6 +209,26 @@ def test_with_a_channel_that_loses_all_roles_stay_and_positioning_goes_on() -> N
     assert (gaps > 100).sum() >= 2  # another twelve fixes before the next series
 
 
+def depth_at(log: MissionLog, vehicle: int, t_ns: np.ndarray) -> np.ndarray:
+    """True depth, m, between the truth's instants."""
+    assert log.truth is not None
+    known_s = log.truth["time"].to_numpy()
+    return np.interp(t_ns / 1e9, known_s, log.truth["depth_m"].to_numpy()[vehicle])
+
+
+def test_the_reply_tells_the_peers_depth() -> None:
+    fixes = flown("seafloor-survey-team").events["acoustic_fix"]
+    log = flown("seafloor-survey-team")
+    told = np.array(
+        [depth_at(log, p, np.array([t]))[0] for p, t in zip(fixes["peer"], fixes["t_ns"], strict=True)]
+    )
+    assert np.abs(fixes["peer_depth_m"] - told).max() < 0.1
+    subs = np.array(
+        [depth_at(log, v, np.array([t]))[0] for v, t in zip(fixes["vehicle"], fixes["t_ns"], strict=True)]
+    )
+    assert np.abs(told - subs).max() > 1.0  # some are at another depth than the landmark
+
+
 def residuals(log: MissionLog) -> Columns:
     """Fixes against the truth, in sigmas: range, own bearing, peer's bearing."""
     fixes = log.events["acoustic_fix"]
@@ -219,7 +239,8 @@ def residuals(log: MissionLog) -> Columns:
         received, yaw = at(log, mover, fixes["t_ns"][k])
         stands, heard = at(log, landmark, fixes["t_ns"][k])
         back, away = stands - received, asked - stands
-        way = (np.hypot(*back.T) + np.hypot(*away.T)) / 2
+        below = depth_at(log, landmark, fixes["t_ns"][k]) - depth_at(log, mover, fixes["t_ns"][k])
+        way = (np.hypot(np.hypot(*back.T), below) + np.hypot(np.hypot(*away.T), below)) / 2
         out["range"][k] = (fixes["range_m"][k] - way) / 0.66
         own = np.arctan2(back[:, 1], back[:, 0]) - yaw
         peer = np.arctan2(away[:, 1], away[:, 0]) - heard

@@ -296,6 +296,9 @@ def _study_tables(result: StudyResult, worlds: Sequence[World]) -> Group:
     )
 
 
+app.command(epilog=_example("reproduce"))(reproduce)
+
+
 @app.command(epilog=_example("view"))
 def view(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `run -o` or `demo` wrote.")],

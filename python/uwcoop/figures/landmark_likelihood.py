@@ -27,7 +27,7 @@ THRESHOLD = 3.0
 """Table 4: k of all channels."""
 REACH = 6.0
 """Axes of offsets end at so many sigmas."""
-NAMES = ("(a) range (m)", "(b) direction by the mover (°)", "(c) direction by the landmark (°)")
+NAMES = ("(a) range (m)", "(b) by the\nmover (°)", "(c) by the\nlandmark (°)")
 
 
 def channel_likelihood(offset: Floats, sigma: float) -> Floats:
@@ -69,7 +69,8 @@ def likelihoods_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
         )
         below.axhline(np.exp(0.5 * THRESHOLD**2), color="#111111", lw=0.8, ls="--")
         top.set_ylabel(NAMES[k], fontsize=8)
-        below.set(ylabel="likelihood", ylim=(-4, 100))
+        below.set_ylim(-4, 100)
+        below.set_ylabel("likelihood", fontsize=8)
     for axes in panels:
         for span in spans[1:]:
             axes.axvline(span.start_s, color="#111111", lw=0.7, ls=(0, (1, 1.5)))

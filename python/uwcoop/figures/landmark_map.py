@@ -24,8 +24,8 @@ _NUMBERED = {"boxstyle": "circle,pad=0.2", "fc": "white", "lw": 0.9}
 
 
 def roles_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
-    """Estimated paths of one navigator, thick where the vehicle moves, squares where it is the landmark; numbers in circles
-    stand where the path of that event began, as exchanges follow each other.
+    """Estimated paths of one navigator, squares where a vehicle stands as the landmark. A number in a circle
+    is the event in which the path was made, as exchanges follow each other.
 
     Raises:
         TracksError: no vehicle takes the landmark's role.

@@ -47,7 +47,9 @@ def cost_figure(rows: Iterable[Mapping[str, Any]]) -> Figure:
     right.set(xscale="log", yscale="log", xlabel="particles", ylabel="mission time / CPU time")
     left.legend(fontsize=8, frameon=False)
     for axes in (left, right):
-        axes.grid(alpha=0.3, lw=0.6, which="both")
+        axes.set_xticks(count, [f"{value:,}" for value in count])
+        axes.minorticks_off()
+        axes.grid(alpha=0.3, lw=0.6)
         axes.tick_params(labelsize=8)
     return figure
 

@@ -171,7 +171,8 @@ def _cost(costs: Any) -> Figure:
 PICTURES: dict[str, Callable[[Any], Figure]] = {
     "map": _map, "errors": _errors, "covariance": _covariance, "traffic": _traffic, "information": _information,
     "setup": _setup, "uncertainty": _uncertainty, "origin": _origin, "trajectories": _trajectories,
-    "velocities": _velocities, "offsets": _offsets, "reconstruction": _reconstruction, "particles": _particles, "roles": _roles, "likelihoods": _likelihoods, "boxes": _boxes,
+    "velocities": _velocities, "offsets": _offsets, "reconstruction": _reconstruction, "particles": _particles,
+    "roles": _roles, "likelihoods": _likelihoods, "boxes": _boxes,
     "averages": _averages, "cost": _cost,
 }  # fmt: skip
 """By name."""

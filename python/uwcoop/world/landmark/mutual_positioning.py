@@ -1,8 +1,8 @@
 """Mutual positioning: two-way slant range and both directions between a vehicle and the landmark, with what goes wrong.
 
 The vehicle asks at `transmit_ns`. The landmark measures where the question comes from, and answers after its
-turn-around with one signal that tells this direction and its depth, and a chirp. The vehicle ranges on the chirp and measures
-its direction at `t_ns`. In the mission nothing of it depends on a navigator.
+turn-around with one signal that tells this direction and its depth, and a chirp. The vehicle ranges on the chirp and
+measures its direction at `t_ns`. In the mission nothing of it depends on a navigator.
 """
 
 from __future__ import annotations

@@ -125,19 +125,26 @@ pub fn log_likelihoods(offsets: [f64; 3], acoustics: &Acoustics, gate: &Gate) ->
     }
 }
 
-/// ln L_max (16)–(18): only the channels that were measured count.
+/// How far the peak of a mixture lies above an outlier, ln, over the channels that were measured; 0 for other gates.
 ///
-/// The paper's likelihood is 1 for an outlier and e^(k²/2) at its peak. That of a mixture is 1 at its peak
-/// ([`log_likelihoods`]): this is then how far the peak lies above an outlier, to be added for the paper's scale.
+/// The paper's likelihood is 1 for an outlier and e^(k²/2) at its peak; that of a mixture is 1 at its peak
+/// ([`log_likelihoods`]). With this added, and as ln L_max, the monitor (15)–(18) and (19) read it on the paper's scale.
+#[must_use]
+pub fn mixture_scale(measured: &Measurement, acoustics: &Acoustics, gate: &Gate) -> f64 {
+    let Gate::Mixture { share, widths } = gate else { return 0.0 };
+    let above = |c: usize| {
+        let peak = (1.0 - share) / (acoustics.sigma[c] * TAU.sqrt());
+        // Without outliers nothing bounds the likelihood from below.
+        (peak * widths[c] / share.max(f64::MIN_POSITIVE)).ln_1p()
+    };
+    (0..3).filter(|c| measured.present()[*c]).map(above).sum()
+}
+
+/// ln L_max (16)–(18): only the channels that were measured count.
 #[must_use]
 pub fn log_likelihood_max(measured: &Measurement, acoustics: &Acoustics, gate: &Gate) -> f64 {
-    if let Gate::Mixture { share, widths } = gate {
-        let above = |c: usize| {
-            let peak = (1.0 - share) / (acoustics.sigma[c] * TAU.sqrt());
-            // Without outliers nothing bounds the likelihood from below; ln(1 + 1/ε) at the least share there is.
-            (peak * widths[c] / share.max(f64::MIN_POSITIVE)).ln_1p()
-        };
-        return (0..3).filter(|c| measured.present()[*c]).map(above).sum();
+    if matches!(gate, Gate::Mixture { .. }) {
+        return 0.0;
     }
     let thresholds = acoustics.threshold.iter().zip(measured.present());
     thresholds.map(|(k, present)| if present { 0.5 * k * k } else { 0.0 }).sum()

@@ -1,8 +1,8 @@
 //! Positionings of `landmark-paper`: weights, monitor, reconstruction, resampling.
 
 use super::model::{
-    Gate, Measurement, Pose, ancestors_among, least_likely, log_likelihood_max, log_likelihoods,
-    log_mean_exp, new_particles, offsets, reconstruct, survivors,
+    Measurement, Pose, ancestors_among, least_likely, log_likelihood_max, log_likelihoods, log_mean_exp,
+    mixture_scale, new_particles, offsets, reconstruct, survivors,
 };
 use super::paper::LandmarkPaper;
 use super::paper_cloud::{Columns, moments};
@@ -25,13 +25,13 @@ impl LandmarkPaper {
             self.state.counts.rejected += 1;
             return Outcome::Gated;
         }
-        let log_max = log_likelihood_max(measured, &self.options.acoustics, &self.options.gate);
+        let scale = mixture_scale(measured, &self.options.acoustics, &self.options.gate);
+        let log_max = log_likelihood_max(measured, &self.options.acoustics, &self.options.gate) + scale;
         if measured.present() == [false; 3] {
             return Outcome::Noted;
         }
         let at = self.state.cloud.at(transmit_ns);
         let logs = self.log_likelihood(&at, measured);
-        let scale = if matches!(self.options.gate, Gate::Mixture { .. }) { log_max } else { 0.0 };
         let log_mean = log_mean_exp(&logs) + scale;
         self.note(log_mean, log_max, measured, &at);
         let ancestors = self.reconstruct(&logs, log_mean, log_max, measured, &at);
