@@ -245,6 +245,24 @@ def test_a_file_of_matlab_73_is_refused_in_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(refused.value)
 
 
+UNKNOWN = "recording.sigma_start_yaw_rad=3.2"
+
+
+@pytest.mark.parametrize("turn_rad", [-2.9, -1.5, 0.0, 0.7, math.pi])
+def test_ranges_find_a_heading_that_is_not_known(tmp_path: Path, turn_rad: float) -> None:
+    """Whatever heading is stated beside a sigma that says nothing; with a small sigma the same heading misleads."""
+    path = tmp_path / "circle.pyfg"
+    path.write_text(graph_text(seed=3))
+    stated = [*TUNED, f"recording.start_yaw_rad={math.pi / 2 + turn_rad - 2 * math.pi * (turn_rad > 1)}"]
+    given = own(uwcoop.run(path, ["mdeif"], overrides=TUNED, clouds=False).summary, "mdeif")
+    found = own(uwcoop.run(path, ["mdeif"], overrides=[*stated, UNKNOWN], clouds=False).summary, "mdeif")
+    assert found["anees"] < 4
+    assert found["median_m"] < given["median_m"] + 1.0
+    if abs(turn_rad) > 1:
+        misled = own(uwcoop.run(path, ["mdeif"], overrides=stated, clouds=False).summary, "mdeif")
+        assert misled["rmse_m"] > 2 * found["rmse_m"]
+
+
 # --- recorded by others -------------------------------------------------------------------------------------
 
 
@@ -285,3 +303,13 @@ def test_plaza_against_gtsam_itself(reference: Path, study_module: Callable[[str
     path = reference / "data/plaza/Plaza1_.mat"
     ours, theirs = study_module("plaza_gtsam").compared(path)
     assert ours == pytest.approx(theirs, rel=0.05)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, math.pi / 2, math.pi])
+def test_plaza_without_its_heading(reference: Path, turn_rad: float) -> None:
+    """The heading of the file is that of the truth: turned, and told as not known, it must not matter."""
+    path = reference / "data/plaza/Plaza1_.mat"
+    yaw = open_mission(path).events["heading"]["yaw_rad"][0] + turn_rad
+    stated = [f"recording.start_yaw_rad={math.remainder(yaw, 2 * math.pi)}", UNKNOWN]
+    found = own(uwcoop.run(path, ["mdeif"], overrides=stated, clouds=False).summary, "mdeif")
+    assert found["rmse_m"] < 3.0

@@ -110,7 +110,7 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-for _command in (scenarios, keys, budget, chart_command, reproduce, node, channel, watch, black_box):
+for _command in (scenarios, keys, budget, chart_command, node, channel, watch, black_box):
     _name = _command.__name__.replace("_", "-")
     app.command(_name, epilog=_example(_name))(_command)
 

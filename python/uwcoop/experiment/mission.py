@@ -54,9 +54,9 @@ def open_mission(
         return _changed(load_log(mission), chart, overrides)
     if isinstance(mission, str | Path) and Path(mission).is_dir():
         return _changed(*_recorded(Path(mission), 0 if seed is None else seed, overrides, chart))
-    from uwcoop.importers.datasets import SUFFIXES, open_recording
+    from uwcoop.importers.datasets import ENDINGS, open_recording
 
-    if isinstance(mission, str | Path) and Path(mission).suffix in SUFFIXES:
+    if isinstance(mission, str | Path) and Path(mission).name.endswith(ENDINGS):
         reading, others = scenarios.split_overrides(overrides, "recording")
         return _changed(open_recording(mission, reading), chart, others)
     from uwcoop.world.simulate import simulate

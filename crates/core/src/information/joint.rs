@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::gaussian::is_sound;
 use super::{Gaussian, NODE, NodeMatrix, NodeVector};
 use crate::error::Error;
+use crate::kernels::math::ln;
 
 /// Blocks of four: node b has rows 4b … 4b + 3.
 ///
@@ -17,6 +18,8 @@ use crate::error::Error;
 pub struct Joint {
     mean: DVector<f64>,
     covariance: DMatrix<f64>,
+    /// Logarithm of the density of all measurements that were fused, without its constants.
+    log_evidence: f64,
 }
 
 /// How a measurement of M numbers depends on one node.
@@ -45,7 +48,7 @@ pub struct Innovation<const M: usize> {
 
 impl Default for Joint {
     fn default() -> Self {
-        Self { mean: DVector::zeros(0), covariance: DMatrix::zeros(0, 0) }
+        Self { mean: DVector::zeros(0), covariance: DMatrix::zeros(0, 0), log_evidence: 0.0 }
     }
 }
 
@@ -72,6 +75,13 @@ impl Joint {
     #[must_use]
     pub fn covariance(&self) -> &DMatrix<f64> {
         &self.covariance
+    }
+
+    /// Logarithm of the density of all measurements that were fused, without its constants: what alternatives that were
+    /// told the same are compared by.
+    #[must_use]
+    pub fn log_evidence(&self) -> f64 {
+        self.log_evidence
     }
 
     /// Mean of one node.
@@ -196,6 +206,7 @@ impl Joint {
         let before = self.clone();
         self.condition(innovation);
         if self.is_sound() {
+            self.log_evidence -= 0.5 * innovation.squared + half_log_determinant(&innovation.covariance);
             return Ok(());
         }
         *self = before;
@@ -258,4 +269,9 @@ impl Joint {
         *self = before;
         Err(Error::NotPositiveDefinite { quantity: "covariance of nodes after a factor" })
     }
+}
+
+/// ½ ln det of a covariance; 0 for one that is none.
+fn half_log_determinant<const M: usize>(covariance: &SMatrix<f64, M, M>) -> f64 {
+    covariance.cholesky().map_or(0.0, |lower| lower.l_dirty().diagonal().iter().map(|entry| ln(*entry)).sum())
 }

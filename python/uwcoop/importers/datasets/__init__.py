@@ -7,7 +7,7 @@ a single ship.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,28 +15,38 @@ from pydantic import ValidationError
 
 from uwcoop.errors import LogError, ScenarioError
 from uwcoop.importers.bounded import refused
+from uwcoop.importers.datasets.labyrinth import INPUT, read_labyrinth
 from uwcoop.importers.datasets.plaza import read_plaza
 from uwcoop.importers.datasets.pyfg import heard_on_the_way, read_pyfg
-from uwcoop.importers.datasets.recording import Options, PlazaOptions, PyfgOptions, mission_of
+from uwcoop.importers.datasets.recording import (
+    LabyrinthOptions,
+    Options,
+    PlazaOptions,
+    PyfgOptions,
+    mission_of,
+)
 from uwcoop.missionlog.validate import validate
 from uwcoop.scenario.loading import table_of
 from uwcoop.scenario.validation_message import one_line
 
 if TYPE_CHECKING:
+    from uwcoop.importers.datasets.recording import Recording
     from uwcoop.missionlog import MissionLog
 
-__all__ = ["SUFFIXES", "PlazaOptions", "PyfgOptions", "open_recording"]
+__all__ = ["ENDINGS", "LabyrinthOptions", "PlazaOptions", "PyfgOptions", "open_recording"]
 
-SUFFIXES = (".pyfg", ".mat")
-"""Files that are recordings: factor graphs as PyFactorGraph writes them, and the Plaza files of the CMU mower."""
+ENDINGS = (".pyfg", ".mat", INPUT)
+"""Files that are recordings: factor graphs as PyFactorGraph writes them, the Plaza files of the CMU mower, and
+the indoor UWB files of libRSF."""
 
 
 def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLog:
     """Read a recording as a mission.
 
     Args:
-        path: a `.pyfg` factor graph in the plane, or `Plaza1_.mat` and its like.
-        overrides: "recording.key=value" each, for the keys of `PyfgOptions` or `PlazaOptions`.
+        path: a `.pyfg` factor graph in the plane, or `Plaza1_.mat` and its like, or `NAME_Input.txt` of libRSF.
+        overrides: "recording.key=value" each, for the keys of `PyfgOptions`, `PlazaOptions` or
+            `LabyrinthOptions`.
 
     Raises:
         LogError: a file whose content does not match its suffix.
@@ -45,7 +55,7 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
     """
     path = Path(path)
     table = table_of(overrides, "recording")
-    model, read = (PyfgOptions, read_pyfg) if path.suffix == ".pyfg" else (PlazaOptions, read_plaza)
+    model, read = _kind(path)
     try:
         options: Options = model.model_validate(table)
     except ValidationError as error:
@@ -59,3 +69,12 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
         log = mission_of(found, options)
         validate(log)
     return log
+
+
+def _kind(path: Path) -> tuple[type[Options], Callable[[Path], Recording]]:
+    """Options and reader of a file, by its ending."""
+    if path.suffix == ".pyfg":
+        return PyfgOptions, read_pyfg
+    if path.name.endswith(INPUT):
+        return LabyrinthOptions, read_labyrinth
+    return PlazaOptions, read_plaza

@@ -49,6 +49,10 @@ class Options(Table):
     """Of the place of a beacon on each axis: the same error in all of its ranges."""
     sigma_start_m: Positive = 0.1
     """Of the place where the vehicle starts."""
+    start_yaw_rad: Annotated[float, Field(ge=-2 * np.pi, le=2 * np.pi)] | None = None
+    """Heading at the start, from east, counter-clockwise; None: that of the file."""
+    sigma_start_yaw_rad: Annotated[float, Field(gt=0, le=4)] = 0.01
+    """Of the heading at the start; 3.2: it is not known. Above 0.35 only `mdeif` has hypotheses for it."""
     sigma_odometry_m: NonNegative
     """Of each displacement on each axis, beside what grows with its length."""
     sigma_odometry_share: NonNegative
@@ -79,6 +83,17 @@ class PlazaOptions(Options):
     sigma_odometry_m: NonNegative = 0.01
     sigma_odometry_share: NonNegative = 0.05
     sigma_yaw_rad: NonNegative = 1e-3
+
+
+class LabyrinthOptions(Options):
+    """Of the indoor UWB files: sigmas as the file states them; the heading at the start is not known."""
+
+    sigma_range_m: Positive = 0.1
+    sigma_beacon_m: Positive = 0.01
+    sigma_start_yaw_rad: Annotated[float, Field(gt=0, le=4)] = 3.2
+    sigma_odometry_m: NonNegative = 0.001
+    sigma_odometry_share: NonNegative = 0.05
+    sigma_yaw_rad: NonNegative = 0.01
 
 
 @dataclass(frozen=True)
@@ -198,7 +213,9 @@ def _events(found: Recording, options: Options, beacons: list[str]) -> dict[str,
     none = np.zeros(len(everyone), np.int64)
     places = np.array([found.start[:2], *(found.beacons[b] for b in beacons)])
     variance = np.array([options.sigma_start_m, *[options.sigma_beacon_m] * len(beacons)]) ** 2
-    yaw = np.array([found.start[2], *[0.0] * len(beacons)])
+    start_yaw_rad = found.start[2] if options.start_yaw_rad is None else options.start_yaw_rad
+    yaw = np.array([start_yaw_rad, *[0.0] * len(beacons)])
+    sigma_yaw = np.array([options.sigma_start_yaw_rad, *[0.0] * len(beacons)])
     still = len(beacons)
     share = np.ones(len(found.odometry_s)) if found.odometry_share is None else found.odometry_share
     length = np.hypot(*found.displacement_m.T) / share
@@ -211,7 +228,7 @@ def _events(found: Recording, options: Options, beacons: list[str]) -> dict[str,
         return np.concatenate([np.zeros(still), values])
 
     return {
-        "heading": event_columns("heading", none, everyone, yaw_rad=yaw, sigma_rad=np.zeros(len(everyone))),
+        "heading": event_columns("heading", none, everyone, yaw_rad=yaw, sigma_rad=sigma_yaw),
         "fix": event_columns(
             "fix", none, everyone, e_m=places[:, 0], n_m=places[:, 1],
             cov_ee_m2=variance, cov_en_m2=np.zeros(len(everyone)), cov_nn_m2=variance,

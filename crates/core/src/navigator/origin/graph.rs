@@ -210,7 +210,12 @@ impl Graph {
     fn step(&mut self, vehicle: usize, payload: &Payload) -> Option<OdometryStep> {
         let node = self.find(Node::Current(vehicle as VehicleId));
         let member = &mut self.members[vehicle];
-        let fresh = if member.odometer.moves() { OdometryStep::rest() } else { OdometryStep::begin() };
+        let odometer = member.odometer;
+        let fresh = if odometer.moves() {
+            OdometryStep::rest()
+        } else {
+            OdometryStep::begin(odometer.sigma_heading_rad())
+        };
         let mean = node.map(|node| fresh.transition * self.joint.node_mean(node));
         let step = fresh.then(&member.odometer.read(payload, mean.as_ref())?);
         self.joint.propagate(node?, &step.transition, &step.offset, &step.noise);

@@ -271,6 +271,12 @@ impl JointFilter {
         Some(self.now.joint.marginal(node))
     }
 
+    /// What [`Joint::log_evidence`] of the newest joint says.
+    #[must_use]
+    pub fn log_evidence(&self) -> f64 {
+        self.now.joint.log_evidence()
+    }
+
     /// Nodes in the joint.
     #[must_use]
     pub fn nodes(&self) -> usize {

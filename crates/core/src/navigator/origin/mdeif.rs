@@ -38,9 +38,9 @@ struct MdeifPeer {
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-struct MdeifState {
+pub(super) struct MdeifState {
     server: Server,
-    joint_filter: JointFilter,
+    pub(super) joint_filter: JointFilter,
     /// By vehicle; of this one without use.
     peers: Vec<MdeifPeer>,
     rejected: u64,
@@ -48,13 +48,14 @@ struct MdeifState {
 }
 
 /// The navigator `mdeif`.
+#[derive(Clone)]
 pub struct Mdeif {
     own: VehicleId,
     /// By vehicle, whether it uses ranges.
     ranging: Vec<bool>,
-    options: MdeifOptions,
+    pub(super) options: MdeifOptions,
     sound_speed_mps: f64,
-    core: MdeifState,
+    pub(super) core: MdeifState,
 }
 
 impl Mdeif {

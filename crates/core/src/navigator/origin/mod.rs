@@ -5,13 +5,14 @@
 //! * [`joint_filter`]: the joint filter of the own state and each peer's newest node.
 //! * [`mdeif`], [`deif`]: the navigators.
 //! * [`belief`], [`interleaved`]: references that exchange positions instead of graphs.
-//! * [`odometry`]: vehicles with odometry.
+//! * [`odometry`]: vehicles with odometry; [`heading_bank`]: whose heading at the start is not known.
 //! * [`graph`], [`central`]: references that use more information than a vehicle has.
 
 pub mod belief;
 pub mod central;
 pub mod deif;
 pub mod graph;
+pub mod heading_bank;
 pub mod interleaved;
 pub mod joint_filter;
 pub mod local;

@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use crate::event::Payload;
 use crate::information::{Gaussian, NODE, NodeMatrix, NodeVector, process};
 
-/// Prior of the heading's error, rad, and of the odometer's scale: that of a heading given at the start and of a wheel
+/// Prior of the heading's error, rad, where the heading comes without a sigma, and of the odometer's scale: that of a wheel
 /// or INS that is calibrated to a tenth of a percent.
 const SIGMA_HEADING0_RAD: f64 = 0.01;
 const SIGMA_SCALE0: f64 = 1e-3;
@@ -38,9 +38,9 @@ impl OdometryStep {
 
     /// With the first odometry: the position stays, and the priors of heading error and scale replace the velocity.
     #[must_use]
-    pub fn begin() -> Self {
+    pub fn begin(sigma_heading_rad: f64) -> Self {
         let mut step = Self::rest();
-        for (entry, sigma) in [(2, SIGMA_HEADING0_RAD), (3, SIGMA_SCALE0)] {
+        for (entry, sigma) in [(2, sigma_heading_rad), (3, SIGMA_SCALE0)] {
             step.transition[(entry, entry)] = 0.0;
             step.noise[(entry, entry)] = sigma * sigma;
         }
@@ -85,15 +85,15 @@ pub struct Move {
     body_m: Vector2<f64>,
     yaw_rad: f64,
     covariance: [f64; 6],
-    /// The vehicle's first odometry event: it replaces the velocity in the node.
-    first: bool,
+    /// Of the vehicle's first odometry event, which replaces the velocity in the node: sigma of its heading, rad.
+    first: Option<f64>,
 }
 
 impl Move {
     /// Its step, linearised at the node's mean.
     #[must_use]
     pub fn step(&self, node: &NodeVector) -> OdometryStep {
-        let fresh = if self.first { OdometryStep::begin() } else { OdometryStep::rest() };
+        let fresh = self.first.map_or_else(OdometryStep::rest, OdometryStep::begin);
         fresh.then(&step(&self.body_m, self.yaw_rad, &self.covariance, &(fresh.transition * node)))
     }
 }
@@ -102,6 +102,8 @@ impl Move {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Odometer {
     yaw_rad: Option<f64>,
+    /// Of the heading that yaw changes are counted from, rad; 0: it was not stated.
+    sigma_rad: f64,
     moves: bool,
 }
 
@@ -112,13 +114,19 @@ impl Odometer {
         self.moves
     }
 
+    /// Sigma of the heading at the start, rad.
+    #[must_use]
+    pub fn sigma_heading_rad(&self) -> f64 {
+        if self.sigma_rad > 0.0 { self.sigma_rad } else { SIGMA_HEADING0_RAD }
+    }
+
     /// As [`Odometer::read`] for a vehicle that `started`; one that has no node yet only sums up its yaw.
     pub fn movement(&mut self, payload: &Payload, started: bool) -> Option<Move> {
         match *payload {
             Payload::Odometry { displacement_m, yaw_change_rad, covariance } => {
                 let yaw_rad = self.yaw_rad?;
                 self.yaw_rad = Some(yaw_rad + yaw_change_rad);
-                let first = !self.moves;
+                let first = (!self.moves).then(|| self.sigma_heading_rad());
                 self.moves |= started;
                 started.then(|| Move { body_m: Vector2::from(displacement_m), yaw_rad, covariance, first })
             }
@@ -133,8 +141,9 @@ impl Odometer {
     /// once there is a heading and a `node`, gives its step.
     pub fn read(&mut self, payload: &Payload, node: Option<&NodeVector>) -> Option<OdometryStep> {
         match *payload {
-            Payload::Heading { yaw_rad, .. } if !self.moves => {
+            Payload::Heading { yaw_rad, sigma_rad } if !self.moves => {
                 self.yaw_rad = Some(yaw_rad);
+                self.sigma_rad = sigma_rad;
                 None
             }
             Payload::Odometry { displacement_m, yaw_change_rad, covariance } => {

@@ -9,6 +9,7 @@ use crate::chart::Chart;
 use crate::error::Error;
 use crate::information::replica::Methods;
 use crate::navigator::origin::deif::{Deif, Repair};
+use crate::navigator::origin::heading_bank::HeadingBank;
 use crate::navigator::origin::local_options::LocalOptions;
 use crate::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use crate::packet::graph::GraphForm;
@@ -107,7 +108,8 @@ impl Settings for MdeifSettings {
                 loss_max: self.health_loss_max,
             },
         };
-        Made::navigator(Mdeif::new(context.vehicle, &context.ranging(), options, context.sound_speed_mps))
+        let mdeif = Mdeif::new(context.vehicle, &context.ranging(), options, context.sound_speed_mps);
+        Made::navigator(mdeif.map(HeadingBank::new))
     }
 }
 
