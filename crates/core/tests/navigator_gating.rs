@@ -3,6 +3,7 @@
 
 mod world;
 
+use uwcoop_core::event::Payload;
 use uwcoop_core::navigator::{Estimate, Navigator, Outcome, Status};
 use world::*;
 
@@ -110,4 +111,25 @@ fn a_snapshot_of_another_size_is_refused_and_changes_nothing() {
         assert!(message.contains("a team of 4"), "{name}: {message}");
         assert_eq!(navigator.snapshot().unwrap(), before, "{name}");
     }
+}
+
+/// Variance of the position along east after a range of 60 m from a teammate in the west, 30 m above the own depth.
+fn after_a_range_at(own_depth_m: f64) -> f64 {
+    let chart = rich();
+    let mut navigator = mpf::<2>(OWN, TEAM, mpf_options(2000), &chart, 5);
+    navigator.handle(&fix(0, OWN, [200.0, 200.0], 100.0)).unwrap();
+    navigator.handle(&event(0, OWN, Payload::Depth { depth_m: own_depth_m, sigma_m: 0.1 })).unwrap();
+    let bytes = packet(0, SECOND, 0, [140.0, 200.0], own_depth_m - 30.0);
+    let slant_m = 60.0f64.hypot(30.0);
+    let outcome = navigator.handle(&reception(2 * SECOND, OWN, 0, SECOND, slant_m, &bytes)).unwrap();
+    assert_eq!(outcome, Outcome::Fused, "at {own_depth_m} m");
+    navigator.estimate(2 * SECOND).covariance_m2[0]
+}
+
+#[test]
+fn a_range_from_the_deep_sea_counts_less_as_its_depth_is_rounded() {
+    // Steps of 0.1 m, 6.4 m (0.9 m in the range) and 25.6 m (3.7 m).
+    let [shallow, deep, deepest] = [40.0, 640.0, 3000.0].map(after_a_range_at);
+    assert!(shallow < 40.0, "the range tells something: {shallow} m²");
+    assert!(deep > 1.02 * shallow && deepest > 1.5 * deep, "{shallow}, {deep}, {deepest} m²");
 }

@@ -90,6 +90,14 @@ fn packets(usual: usize) -> usize {
 fn thousands_of_packets_at_every_navigator_with_and_without_a_check_that_fits() {
     let entries = registry();
     for (index, target) in TARGETS.iter() {
+        let mut navigator = restored(&entries[*index], target);
+        let honest = target.hand(navigator.as_mut(), &target.sealed(target.payload.clone()));
+        assert_ne!(
+            honest,
+            Outcome::Rejected,
+            "{}: what is altered is a packet that it would take",
+            target.name
+        );
         let bare = assault(&entries[*index], target, 1000, false, 1);
         assert!(bare.rejected > 300, "{}: {bare:?}", target.name);
         let sealed = assault(&entries[*index], target, 300, true, 2);

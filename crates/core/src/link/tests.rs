@@ -272,3 +272,43 @@ fn slant_ranges_reduce_clamp_or_fail() {
     assert!(reduce(f64::MAX, f64::MAX, 0.0).is_err());
     assert!(reduce(1.0, f64::MAX, f64::MIN).is_err());
 }
+
+/// Depths as a header carries them: over all depths, distances and differences, the squared error of a range that was
+/// reduced with the rounded depth is what its variance says.
+#[test]
+fn the_error_of_a_reduced_range_is_what_the_rounding_of_a_depth_says() {
+    use crate::packet::Header;
+    let mut state = 1u64;
+    let mut uniform = || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    };
+    for (shallowest_m, deepest_m) in [(52.0, 100.0), (300.0, 900.0), (2000.0, 6000.0), (9000.0, 11_000.0)] {
+        for ratio in [0.0, 0.3, 1.0, 3.0] {
+            let (mut squares, mut count, mut worst) = (0.0, 0.0, 0.0f64);
+            for _ in 0..4000 {
+                let sender_m = shallowest_m + (deepest_m - shallowest_m) * uniform();
+                // From well above the step of a depth to where one is nearly above the other.
+                let step_m = Header::coarse_depth_step_m(sender_m);
+                let horizontal_m = step_m * (2.0 + 60.0 * uniform());
+                let own_m = sender_m - ratio * horizontal_m;
+                let slant_m = horizontal_m.hypot(own_m - sender_m);
+                let carried_m = Header::carried_depth_m(sender_m);
+                let reduced = slant_to_horizontal(slant_m, own_m, carried_m, step_m, 4.0).unwrap();
+                let variance_m2 = depth_rounding_m2(reduced.range_m, own_m - carried_m, step_m);
+                let square = (reduced.range_m - horizontal_m).powi(2);
+                squares += square / variance_m2;
+                worst = worst.max(square / variance_m2);
+                count += 1.0;
+            }
+            let mean = squares / count;
+            // The carried difference holds the error itself: of like depths the variance is thrice too large.
+            let least = if ratio >= 1.0 { 0.5 } else { 0.1 };
+            assert!((least..1.5).contains(&mean), "{shallowest_m} to {deepest_m} m, ratio {ratio}: {mean}");
+            assert!(worst < 36.0, "{shallowest_m} to {deepest_m} m, ratio {ratio}: {worst}");
+        }
+    }
+    assert_eq!(Header::coarse_depth_step_m(51.1), 0.0);
+    assert_eq!(Header::coarse_depth_step_m(51.2), 0.8);
+    assert_eq!(depth_rounding_m2(10.0, 30.0, 0.0), 0.0);
+}

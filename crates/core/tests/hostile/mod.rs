@@ -65,11 +65,13 @@ pub fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Every navigator that packets reach, before the last packet of the mission. The index is that of the registry.
+/// Every navigator that packets reach, before a packet of the mission that it used. The index is that of the registry.
 pub static TARGETS: LazyLock<Vec<(usize, Target)>> = LazyLock::new(|| {
     let targets = registry().into_iter().enumerate().filter_map(|(index, entry)| {
         let flown = fly(&entry);
-        let last = flown.heard.last()?;
+        // The last that it used, if it uses any.
+        let used = flown.heard.iter().rfind(|heard| heard.outcome == Outcome::Fused);
+        let last = used.or(flown.heard.last())?;
         let Payload::Reception { sender, tol_ns, toa_ns, bytes } = &last.event.payload else { return None };
         let mut navigator = entry.subject();
         for step in &flown.steps {
