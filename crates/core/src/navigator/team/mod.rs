@@ -150,11 +150,6 @@ impl<const K: usize> Team<K> {
         Some((mate.tol_ns, mean, covariance))
     }
 
-    /// The filter that speaks for this vehicle: the lone one while the referee does not trust the team.
-    fn speaking(&self) -> &TerrainCore<K> {
-        self.lone.as_ref().filter(|_| self.state.referee.silences()).unwrap_or(&self.terrain)
-    }
-
     fn weights(&self) -> &[f64] {
         self.terrain.state.core.cloud.weights()
     }
@@ -241,7 +236,7 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn estimate(&self, t_ns: i64) -> Estimate {
-        self.speaking().state.core.estimate(t_ns)
+        self.terrain.state.core.estimate(t_ns)
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
@@ -276,7 +271,7 @@ impl<const K: usize> Navigator for Team<K> {
     }
 
     fn particles(&self) -> Option<Particles> {
-        self.speaking().state.core.particles()
+        self.terrain.state.core.particles()
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

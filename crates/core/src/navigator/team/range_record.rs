@@ -64,7 +64,7 @@ impl RangeRecord {
         self.last = Some([seen.mean_m, seen.variance_m2.sqrt(), share]);
         let rest_m2 = (seen.variance_m2 - used_m2).max(0.0);
         let square_m2 = (seen.mean_m * seen.mean_m).min(CLIP * seen.variance_m2);
-        if !square_m2.is_finite() || !rest_m2.is_finite() {
+        if !seen.mean_m.is_finite() || !rest_m2.is_finite() || !share.is_finite() {
             return;
         }
         let average = self.noise.get_or_insert(NoiseAverage {

@@ -14,6 +14,9 @@ use crate::measurement::sounding::neutral_log_likelihood;
 use crate::navigator::Outcome;
 use crate::packet::FixContent;
 
+/// A packet that would leave too few particles has its weights quartered at most so many times.
+const SOFTENINGS: usize = 6;
+
 /// Mean and covariance [ee, en, nn] of a block's position over all particles.
 pub fn position_moments(group: &Group, base: usize, weights: &[f64]) -> ([f64; 2], [f64; 3]) {
     let (east, north) = (group.mean_of(base), group.mean_of(base + 1));
@@ -325,6 +328,20 @@ impl<const K: usize> Team<K> {
             at.clear();
             at.extend(now.iter().map(|x| x - back[axis]));
         }
+    }
+
+    /// Weighs the particles by a packet, softened if it would leave too few.
+    fn weigh(&mut self, mut column: Vec<f64>) {
+        let cloud = &mut self.terrain.state.core.cloud;
+        let least = self.options.least_ess_share * cloud.len() as f64;
+        for _ in 0..SOFTENINGS {
+            if least <= 0.0 || cloud.ess_after(&column) >= least {
+                break;
+            }
+            column.iter_mut().for_each(|l| *l *= 0.25);
+        }
+        cloud.reweight(column);
+        self.resample();
     }
 }
 

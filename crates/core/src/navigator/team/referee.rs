@@ -2,24 +2,15 @@
 //!
 //! Beside the team's cloud runs `mpf` without ranges, fed everything but receptions. Both explain the own soundings; Page's
 //! cumulative sum (Biometrika 41, 1954) of the difference of their log evidence says when the lone filter does so for
-//! good: then a range or a teammate has led the team's cloud astray, and it starts anew from the lone one. Where that happens
-//! again soon, what is believed of ranges or teammates is wrong in itself: for a while, twice as long each time, the lone filter
-//! speaks for the vehicle, packets weigh no particle, and then it takes over once more.
+//! good: then a range or a teammate has led the team's cloud astray, and it starts anew from the lone one.
 
 use serde::{Deserialize, Serialize};
 
 use super::Team;
 use super::group::Widening;
-use crate::event::seconds;
 
 /// One sounding counts for or against the lone filter by at most this, nat.
 const CLIP_NAT: f64 = 5.0;
-/// A take-over is a repeated one so long after the last, or after the silence that followed it, s.
-const SOON_S: f64 = 300.0;
-/// The first silence, s.
-const SILENCE_S: f64 = 120.0;
-/// Doublings of it at most.
-const MOST_DOUBLINGS: u32 = 4;
 /// Variances by which teammates are widened: a position by 15 m, what drifts as after an alarm.
 const WIDENED: [f64; 7] = [225.0, 225.0, 0.25, 0.01, 0.01, 0.0, 0.0];
 
@@ -28,39 +19,9 @@ const WIDENED: [f64; 7] = [225.0, 225.0, 0.25, 0.01, 0.01, 0.0, 0.0];
 pub struct Referee {
     evidence_nat: f64,
     takeovers: u64,
-    last_ns: Option<i64>,
-    silent_until_ns: Option<i64>,
-    repeated: u32,
 }
 
 impl Referee {
-    /// Whether packets weigh no particle, and the lone filter speaks for the vehicle.
-    pub fn silences(&self) -> bool {
-        self.silent_until_ns.is_some()
-    }
-
-    /// Ends a silence whose time has come; true if it did.
-    fn ends_silence(&mut self, t_ns: i64) -> bool {
-        let ended = self.silent_until_ns.is_some_and(|until| t_ns >= until);
-        if ended {
-            self.silent_until_ns = None;
-            self.last_ns = Some(t_ns);
-        }
-        ended
-    }
-
-    /// The lone filter took over at `t_ns`.
-    fn took_over(&mut self, t_ns: i64) {
-        if self.last_ns.is_some_and(|last| seconds(t_ns.saturating_sub(last)) < SOON_S) {
-            let silence_s = SILENCE_S * f64::from(1_u32 << self.repeated.min(MOST_DOUBLINGS));
-            self.silent_until_ns = Some(t_ns.saturating_add((silence_s * 1e9) as i64));
-            self.repeated = self.repeated.saturating_add(1);
-        } else {
-            self.repeated = 0;
-        }
-        self.last_ns = Some(t_ns);
-    }
-
     /// One sounding: log evidence of the lone filter's cloud and of the team's. True when the lone one is to take over.
     fn judge(&mut self, lone_nat: f64, team_nat: f64, threshold_nat: f64) -> bool {
         let gain = (lone_nat - team_nat).clamp(-CLIP_NAT, CLIP_NAT);
@@ -74,31 +35,20 @@ impl Referee {
     }
 
     /// By name.
-    pub fn diagnostics(&self) -> [(&'static str, f64); 3] {
-        [
-            ("referee_takeovers", self.takeovers as f64),
-            ("referee_evidence_nat", self.evidence_nat),
-            ("ranges_silenced", f64::from(self.silences())),
-        ]
+    pub fn diagnostics(&self) -> [(&'static str, f64); 2] {
+        [("referee_takeovers", self.takeovers as f64), ("referee_evidence_nat", self.evidence_nat)]
     }
 }
 
 impl<const K: usize> Team<K> {
     /// After a sounding that both filters have taken up.
     pub(super) fn judge(&mut self) {
-        let (Some(lone), Some(now_ns)) = (&self.lone, self.terrain.state.core.now_ns()) else { return };
-        if self.state.referee.silences() {
-            if self.state.referee.ends_silence(now_ns) {
-                self.take_over();
-            }
-            return;
-        }
+        let Some(lone) = &self.lone else { return };
         let (Some(lone_nat), Some(team_nat)) = (lone.evidence_nat(), self.terrain.evidence_nat()) else {
             return;
         };
         if self.state.referee.judge(lone_nat, team_nat, self.options.referee_nat) {
             self.take_over();
-            self.state.referee.took_over(now_ns);
         }
     }
 
@@ -125,25 +75,6 @@ impl<const K: usize> Team<K> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn repeated_take_overs_silence_ranges_for_longer_each_time() {
-        const SECOND: i64 = 1_000_000_000;
-        let mut referee = Referee::default();
-        let silence = |referee: &mut Referee, from_s: i64, to_s: i64| {
-            referee.took_over(from_s * SECOND);
-            assert!(referee.silences() && !referee.ends_silence((to_s - 1) * SECOND));
-            assert!(referee.ends_silence(to_s * SECOND) && !referee.silences());
-        };
-        referee.took_over(400 * SECOND);
-        assert!(!referee.silences(), "one take-over may be chance");
-        silence(&mut referee, 600, 720);
-        silence(&mut referee, 1000, 1240);
-        // Long after, it is a first one again.
-        referee.took_over(1600 * SECOND);
-        assert!(!referee.silences());
-        silence(&mut referee, 1700, 1820);
-    }
 
     #[test]
     fn evidence_adds_up_only_while_the_lone_filter_is_better() {

@@ -11,28 +11,7 @@ use crate::random::{Purpose, Stream};
 /// A clock difference widens by no more than a position, m².
 const MOST_WIDENED_M2: f64 = 100.0;
 
-/// A packet that would leave too few particles has its weights quartered at most so many times.
-const SOFTENINGS: usize = 6;
-
 impl<const K: usize> Team<K> {
-    /// Weighs the particles by a packet, softened if it would leave too few.
-    pub(super) fn weigh(&mut self, mut column: Vec<f64>) {
-        let core = &mut self.terrain.state.core;
-        if self.state.referee.silences() {
-            return core.cloud.put_back(column);
-        }
-        let cloud = &mut core.cloud;
-        let least = self.options.least_ess_share * cloud.len() as f64;
-        for _ in 0..SOFTENINGS {
-            if least <= 0.0 || cloud.ess_after(&column) >= least {
-                break;
-            }
-            column.iter_mut().for_each(|l| *l *= 0.25);
-        }
-        cloud.reweight(column);
-        self.resample();
-    }
-
     /// Own positions, to know later how far each particle was moved.
     pub(super) fn remember_own(&mut self) {
         let cloud = &self.terrain.state.core.cloud;
