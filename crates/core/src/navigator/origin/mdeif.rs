@@ -197,12 +197,13 @@ impl Mdeif {
         let replica = &self.core.peers[usize::from(sender)].replica;
         let plan: JoinPlan = match replica.plan(graph, &self.options.methods) {
             Ok(Some(plan)) if plan.node.filtered.is_sound() => plan,
-            Ok(None) => {
-                self.core.counts.unknown_origin += 1;
-                return Ok(self.reject());
-            }
-            Ok(Some(_)) | Err(_) => {
-                self.core.counts.unsound += 1;
+            unfit => {
+                let counts = &mut self.core.counts;
+                *(if matches!(unfit, Ok(None)) {
+                    &mut counts.unknown_origin
+                } else {
+                    &mut counts.unsound
+                }) += 1;
                 return Ok(self.reject());
             }
         };
