@@ -68,10 +68,10 @@ def open_mission(
 
 def has_happened(mission: MissionLog | Scenario | str | Path) -> bool:
     """Whether `open_mission` takes this from a log or a recording, or else simulates it."""
-    from uwcoop.importers.datasets import SUFFIXES
+    from uwcoop.importers.datasets import ENDINGS
 
     if isinstance(mission, str | Path):
-        return Path(mission).suffix in {LOG_SUFFIX, *SUFFIXES} or Path(mission).is_dir()
+        return Path(mission).name.endswith((LOG_SUFFIX, *ENDINGS)) or Path(mission).is_dir()
     return isinstance(mission, MissionLog)
 
 

@@ -89,7 +89,7 @@ def _ranges_that_do_not_fit(own: xr.Dataset, _: RunResult) -> Iterator[str]:
 
 def _gated(own: xr.Dataset, result: RunResult) -> Iterator[str]:
     sounded = result.log.events.get("water_depth")
-    vehicles = [] if sounded is None else sounded["vehicle"]
+    vehicles = np.zeros(0, np.int64) if sounded is None else sounded["vehicle"]
     soundings = np.array([np.count_nonzero(np.equal(vehicles, v)) for v in range(len(own.vehicle))])
     for kind, counts, all_of in (
         ("soundings", own.get("gated_soundings"), soundings),

@@ -339,17 +339,11 @@ impl Navigator for Mdeif {
         let MdeifState { server, counts, .. } = &self.core;
         let now_ns = server.filter.now_ns.unwrap_or(0);
         let age = server.origin().map_or(f64::NAN, |node| seconds(now_ns.saturating_sub(node.tol_ns)));
-        vec![
+        let graph = [
             ("origin_age_s", age),
             ("origin_correlation", server.origin_correlation(now_ns)),
             ("graph_nodes", server.chain().nodes().len() as f64),
-            ("begun", counts.begun as f64),
-            ("exact_joint", counts.exact_joint as f64),
-            ("equation_6", counts.equation_6 as f64),
-            ("filtered_error", counts.filtered_error as f64),
-            ("unknown_origin", counts.unknown_origin as f64),
-            ("unread", counts.unread as f64),
-            ("unsound", counts.unsound as f64),
-        ]
+        ];
+        graph.into_iter().chain(counts.by_name()).collect()
     }
 }

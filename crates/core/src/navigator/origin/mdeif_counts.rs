@@ -13,3 +13,19 @@ pub(super) struct Counts {
     pub(super) unread: u64,
     pub(super) unsound: u64,
 }
+
+impl Counts {
+    /// Each count with its name in the diagnostics.
+    pub(super) fn by_name(&self) -> [(&'static str, f64); 7] {
+        [
+            ("begun", self.begun),
+            ("exact_joint", self.exact_joint),
+            ("equation_6", self.equation_6),
+            ("filtered_error", self.filtered_error),
+            ("unknown_origin", self.unknown_origin),
+            ("unread", self.unread),
+            ("unsound", self.unsound),
+        ]
+        .map(|(name, count)| (name, count as f64))
+    }
+}
