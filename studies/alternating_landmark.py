@@ -9,7 +9,6 @@ import argparse
 import json
 import os
 import platform
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -19,12 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from uwcoop import scenario
 from uwcoop.evaluation import metrics
 from uwcoop.experiment.mission import open_mission
-from uwcoop.experiment.run import native_mission, replay_for, run
-from uwcoop.missionlog import MissionLog
-from uwcoop.world.simulate import simulate
+from uwcoop.experiment.run import run
+from uwcoop.reproduce.cost import cost
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "results" / "alternating-landmark.md"
@@ -267,36 +264,6 @@ share 0.05, jumps of 0.2 m and 30°, a window of 8.
 }
 
 
-def cost(particles: Sequence[int], repeats: int = 5) -> list[Row]:
-    """CPU time of `landmark-paper` against its number of particles: the mission, and the compression at an exchange."""
-    rows = []
-    for count in particles:
-        loaded = scenario.load("seafloor-survey", [f"navigator.landmark-paper.particles={count}"])
-        log = simulate(loaded, 0)
-        spent = [_cost_once(log) for _ in range(repeats)]
-        whole, compression = (min(s[k] for s in spent) for k in (0, 1))
-        rows.append({"particles": count, "mission_s": whole, "compression_s": compression,
-                     "rate": loaded.duration_s / whole})  # fmt: skip
-    return rows
-
-
-def _cost_once(log: MissionLog) -> tuple[float, float]:
-    none = np.array([log.duration_ns], dtype=np.int64)
-    replay = replay_for(log, native_mission(log), "landmark-paper", None, log.seed, none)
-    total, slots = 0.0, []
-    for tol_ns in log.slots["tol_ns"].tolist():
-        total += _timed(replay, tol_ns)
-        slots.append(_timed(replay, tol_ns + 1))
-    total += sum(slots) + _timed(replay, 2**62)
-    return total, float(np.median(slots))
-
-
-def _timed(replay: Any, until_ns: int) -> float:
-    start = time.process_time()
-    replay.run(until_ns)
-    return time.process_time() - start
-
-
 def recorded(runs: int, processes: int) -> dict[str, list[Row]] | None:
     """The real robots, with other priors and losses in each run; None where the data set is absent."""
     folder = REFERENCE / "data" / "mrclam" / "MRCLAM_Dataset6"
@@ -405,7 +372,7 @@ def main() -> None:
     kept = json.loads(KEPT.read_text()) if KEPT.is_file() else {"tables": {}, "costs": []}
     for key in chosen:
         if key == "cost":
-            kept["costs"] = cost((300, 1000, 3000, 10000))
+            kept["costs"] = cost("seafloor-survey", (300, 1000, 3000, 10000), repeats=5)
             continue
         found = (
             recorded(told.runs, told.processes)

@@ -52,7 +52,14 @@ def roles_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
             else:
                 axes.plot(*path.T, color=colour, lw=2.0, zorder=3)
                 middle = finite_points(path)[len(finite_points(path)) // 3]
-                axes.text(middle[0], middle[1], f"{k + 1}", fontsize=9, zorder=5, bbox=_NUMBERED | {"ec": colour})
+                axes.text(
+                    float(middle[0]),
+                    float(middle[1]),
+                    f"{k + 1}",
+                    fontsize=9,
+                    zorder=5,
+                    bbox=_NUMBERED | {"ec": colour},
+                )
     for v, name in enumerate(log.vehicles):
         axes.plot([], [], color=OKABE_ITO[v % 8], lw=2, label=f"{name} moves (number: event)")
     axes.plot([], [], ls="", marker="s", ms=8, mfc="white", mec="#555555", label="stands as the landmark")
