@@ -249,7 +249,8 @@ impl Navigator for HeadingBank {
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
-        let stored = self.bank.iter().map(|one| Ok((one.start_rad, one.log_prior, one.navigator.snapshot()?)));
+        let stored =
+            self.bank.iter().map(|one| Ok((one.start_rad, one.log_prior, one.navigator.snapshot()?)));
         let bank = stored.collect::<Result<_, Error>>()?;
         save(&Stored { heading: self.heading, begun: self.begun, bank })
     }
