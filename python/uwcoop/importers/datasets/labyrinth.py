@@ -97,7 +97,7 @@ def _tables(path: Path) -> dict[str, Floats]:
             count = FIELDS.get(words[0])
             if count is None or len(words) <= count:
                 raise LogError(
-                    f"recording {path}: line {number} is {line[:30]!r}, must be one of "
+                    f"recording {path}: line {number} is {line.strip()[:30]!r}, must be one of "
                     f"{', '.join(FIELDS)} with its numbers"
                 )
             try:

@@ -72,21 +72,19 @@ impl HeadingBank {
 
     /// Before the vehicle moves for the first time: hypotheses, if its heading is not known.
     fn watch(&mut self, event: &Event) -> Result<(), Error> {
-        match event.payload {
-            Payload::Heading { yaw_rad, sigma_rad } => self.heading = Some((yaw_rad, sigma_rad)),
-            Payload::Odometry { yaw_change_rad, .. } => {
-                let Some((yaw_rad, sigma_rad)) = self.heading else { return Ok(()) };
-                if self.best().navigator.estimate(event.t_ns).status == Status::NotStarted {
-                    self.heading = Some((yaw_rad + yaw_change_rad, sigma_rad));
-                    return Ok(());
-                }
-                if sigma_rad > KNOWN_RAD {
-                    self.bank = self.split(event, yaw_rad, sigma_rad)?;
-                }
-                self.begun = true;
-            }
-            _ => {}
+        let (Payload::Odometry { yaw_change_rad, .. }, Some((yaw_rad, sigma_rad))) =
+            (&event.payload, self.heading)
+        else {
+            return Ok(());
+        };
+        if self.best().navigator.estimate(event.t_ns).status == Status::NotStarted {
+            self.heading = Some((yaw_rad + yaw_change_rad, sigma_rad));
+            return Ok(());
         }
+        if sigma_rad > KNOWN_RAD {
+            self.bank = self.split(event, yaw_rad, sigma_rad)?;
+        }
+        self.begun = true;
         Ok(())
     }
 
@@ -115,20 +113,20 @@ impl HeadingBank {
     /// Lets every hypothesis handle an event. One that a measurement contradicts, but not all, pays for it.
     fn handle_all(&mut self, event: &Event) -> Result<Outcome, Error> {
         let best_start_rad = self.best().start_rad;
-        let mut first_error = None;
+        let mut failed = Vec::new();
         let mut kept = Vec::with_capacity(self.bank.len());
         for mut one in self.bank.drain(..).collect::<Vec<_>>() {
             match one.navigator.handle(event) {
                 Ok(outcome) => kept.push((outcome, one)),
-                Err(error) => {
-                    first_error.get_or_insert((error, one));
-                }
+                Err(error) => failed.push((error, one)),
             }
         }
         if kept.is_empty()
-            && let Some((error, one)) = first_error
+            && let Some((error, _)) = failed.first()
         {
-            self.bank.push(one);
+            // Nothing has changed in any of them.
+            let error = error.clone();
+            self.bank.extend(failed.into_iter().map(|(_, one)| one));
             return Err(error);
         }
         let fused = kept.iter().any(|(outcome, _)| *outcome == Outcome::Fused);
@@ -188,11 +186,17 @@ fn wrapped(angle_rad: f64) -> f64 {
 
 impl Navigator for HeadingBank {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
-        if !self.begun {
+        if !self.begun && matches!(event.payload, Payload::Odometry { .. }) {
+            // An event that is refused must not split the bank.
+            self.best().navigator.clone().handle(event)?;
             self.watch(event)?;
         }
         if let [only] = self.bank.as_mut_slice() {
-            return only.navigator.handle(event);
+            let outcome = only.navigator.handle(event)?;
+            if let (false, Payload::Heading { yaw_rad, sigma_rad }) = (self.begun, &event.payload) {
+                self.heading = Some((*yaw_rad, *sigma_rad));
+            }
+            return Ok(outcome);
         }
         let outcome = self.handle_all(event)?;
         if matches!(event.payload, Payload::Reception { .. } | Payload::Fix { .. }) {
