@@ -1,6 +1,11 @@
-"""MkDocs hook: tables that are made from the code, so that they cannot fall behind it, and equations as MathML.
+"""Tables of the documentation that are made from the code, and a MkDocs hook that renders equations as MathML.
 
 A page asks for a table with a comment on a line of its own, `<!-- made from code: NAME -->`; `TABLES` holds the names.
+The table stands below it in the page, up to `<!-- end of made from code -->`, so that a page reads whole in the
+repository too. A test says when one is stale; this program writes them anew:
+
+    python docs/hooks.py
+
 Equations between dollar signs become MathML when the site is built: no script is fetched when it is read.
 """
 
@@ -11,6 +16,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
@@ -27,13 +33,25 @@ from uwcoop.scenario.keys import (
     unit_of,
 )
 
-ASKED = re.compile(r"^<!-- made from code: ([a-z ]+) -->$", re.MULTILINE)
+END = "<!-- end of made from code -->"
+ASKED = re.compile(
+    rf"^<!-- made from code: ([a-z ]+) -->$(?:\n(?:(?!^<!-- made from code: ).)*?^{END}$)?",
+    re.MULTILINE | re.DOTALL,
+)
 EQUATION = re.compile(r'<(span|div) class="arithmatex">\\[(\[](.*?)\\[)\]]</\1>', re.DOTALL)
 
 
+def filled(markdown: str) -> str:
+    """A page with its tables as the code has them now."""
+    return ASKED.sub(
+        lambda asked: f"<!-- made from code: {asked[1]} -->\n\n{TABLES[asked[1]]().strip()}\n\n{END}",
+        markdown,
+    )
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Put the tables in."""
-    return ASKED.sub(lambda asked: TABLES[asked[1]](), markdown)
+    """Put the tables in, whether or not the page was written anew."""
+    return filled(markdown)
 
 
 def on_page_content(html: str, **_: Any) -> str:
@@ -300,3 +318,11 @@ TABLES: dict[str, Callable[[], str]] = {
     "kernels": kernels,
 }
 """What a page may ask for."""
+
+
+if __name__ == "__main__":
+    for page in sorted(Path(__file__).parent.rglob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        if (anew := filled(text)) != text:
+            page.write_text(anew, encoding="utf-8")
+            print(f"{page.name}: tables written anew")

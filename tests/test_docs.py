@@ -1,65 +1,36 @@
-"""The documentation does what it says: its commands run, its Python runs, its TOML is read, its tables are complete.
+"""The documentation does what it says: its commands run, its Python runs, its TOML is read, its tables are complete, and
+the guides show what the program prints.
 
-A page is a story: its blocks run in order in one temporary folder. ```` ```toml title="bay.toml" ```` and
-```` ```python title="x.py" ```` are written to that file first, ```` ```console ```` holds `$ uwcoop ...` commands with
-(abridged) output. Missions are cut to a minute. A block is left out when the line before its fence is
-`<!-- no-run: why -->`.
+How a page is read stands in `docs/pages.py`. Missions are cut to a minute here, so that texts and columns are compared;
+the digits are compared with whole missions, in a test marked `long`, and `docs/pages.py` writes them anew.
 """
 
 from __future__ import annotations
 
 import pkgutil
 import re
-import shlex
 import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
 
 import uwcoop
 from uwcoop import scenario
-from uwcoop.cli import app
 from uwcoop.missionlog import EVENT_COLUMNS
 from uwcoop.navigators import NAVIGATORS
 from uwcoop.scenario import loading
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 LONGEST_S = 60
-FENCE = re.compile(
-    r"^(?P<before>[^\n]*)\n(?P<indent> *)```(?P<language>python|toml|console)(?P<options>[^\n]*)\n"
-    r"(?P<text>.*?)^(?P=indent)```$",
-    re.MULTILINE | re.DOTALL,
-)
+sys.path.insert(0, str(ROOT / "docs"))
+import pages  # noqa: E402 - a program of the documentation, not of the package
 
-
-@dataclass(frozen=True)
-class Block:
-    language: str
-    title: str | None
-    text: str
-    line: int
-
-
-def blocks(page: Path) -> Iterator[Block]:
-    """The blocks to be run, in order."""
-    content = "\n" + page.read_text(encoding="utf-8")
-    for found in FENCE.finditer(content):
-        if "no-run" in found["before"] or "no-run" in found["options"]:
-            continue
-        title = re.search(r'title="([^"]+)"', found["options"])
-        indent = len(found["indent"])
-        text = "".join(line[indent:] or "\n" for line in found["text"].splitlines(keepends=True))
-        line = content.count("\n", 0, found.start("language"))
-        yield Block(found["language"], title[1] if title else None, text, line)
+sys.path.remove(str(ROOT / "docs"))
 
 
 @pytest.fixture
@@ -77,37 +48,53 @@ def short_missions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("uwcoop.experiment.demo.SCENARIO", scenario.load("st-john-drift"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_what_a_page_shows_works(
-    page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short_missions: None
-) -> None:
+@pytest.fixture
+def page_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty current folder, whose modules can be imported by the page's blocks and are forgotten afterwards."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     monkeypatch.setenv("MPLBACKEND", "agg")
-    namespace: dict[str, Any] = {"__name__": "__main__"}
     known = set(sys.modules)
-    try:
-        for block in blocks(page):
-            where = f"{page.relative_to(ROOT)}:{block.line}"
-            if block.title:
-                Path(block.title).write_text(block.text, encoding="utf-8")
-            if block.language == "toml":
-                _read_toml(block)
-            elif block.language == "python":
-                exec(compile(block.text, where, "exec"), namespace)
-            else:
-                _run_commands(block, where)
-    finally:
-        for name in set(sys.modules) - known:
-            if _is_in(tmp_path, sys.modules[name]):
-                del sys.modules[name]
+    yield tmp_path
+    for name in set(sys.modules) - known:
+        if str(getattr(sys.modules[name], "__file__", None) or "").startswith(str(tmp_path)):
+            del sys.modules[name]
 
 
-def _is_in(folder: Path, module: ModuleType) -> bool:
-    return str(getattr(module, "__file__", None) or "").startswith(str(folder))
+@pytest.mark.parametrize("page", pages.PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_shows_works(page: Path, page_folder: Path, short_missions: None) -> None:
+    untrue: list[str] = []
+
+    def compare(block: pages.Block, shown: str, said: str) -> None:
+        if page in pages.GUIDES and not shown.startswith("error: "):
+            untrue.extend(pages.differences(shown, said, digits=False))
+
+    pages.run(page, compare, _read_toml)
+    assert untrue == [], "not what the program prints; python docs/pages.py writes it anew"
 
 
-def _read_toml(block: Block) -> None:
+@pytest.mark.long
+@pytest.mark.parametrize("page", pages.GUIDES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_the_digits_of_a_page_are_those_of_the_program(page: Path, page_folder: Path) -> None:
+    untrue: list[str] = []
+    pages.run(page, lambda _, shown, said: untrue.extend(pages.differences(shown, said)))
+    assert untrue == []
+
+
+def test_an_untrue_output_is_found() -> None:
+    said = "note: x\n  RMSE  run\n mpf  0.71 ▲ 5.1  0.10\n ekf  3.00  1.0  0.2\nwrote a: b\n"
+    same = "RMSE run\n mpf 0.69 5.3 0.31\n…\nwrote a: b\n"
+    assert pages.differences(same, said) == []
+    for wrong in (same.replace("0.69", "1.69"), same.replace("RMSE", "Rmse"), same.replace("mpf", "team")):
+        assert len(pages.differences(wrong, said)) == 1
+    assert pages.differences(same.replace("0.69", "1.69"), said, digits=False) == []
+    assert pages.differences("RMSE run\n ekf 3.00 1.0 0.2\n", said) == [" ekf 3.00 1.0 0.2"], (
+        "a line is left out"
+    )
+    assert pages.differences(pages.written_anew(same.replace("0.69", "9"), said), said) == []
+
+
+def _read_toml(block: pages.Block) -> None:
     table = tomllib.loads(block.text)
     if "duration_s" in table and block.title:
         scenario.load(block.title)
@@ -126,34 +113,13 @@ def _merged(whole: dict[str, Any], part: Mapping[str, Any]) -> dict[str, Any]:
     return whole
 
 
-def _run_commands(block: Block, where: str) -> None:
-    """Run each `$ uwcoop ...`: exit code 0, or 2 where the block shows an error, and then that very line."""
-    text = block.text.replace("\\\n", " ")
-    if not text.startswith("$ "):  # commands alone, without what they print
-        text = "".join(f"$ {line}\n" for line in text.splitlines() if line.strip())
-    commands = re.split(r"^\$ ", text, flags=re.MULTILINE)
-    for entry in commands[1:]:
-        line, _, shown = entry.partition("\n")
-        program, *arguments = shlex.split(line, comments=True)
-        if program == "make":  # builds the project itself
-            continue
-        assert program == "uwcoop", f"{where}: {program!r} cannot be run here, mark the block `no-run`"
-        if arguments[0] == "study":
-            arguments += ["--processes", "1"]
-        said = CliRunner().invoke(app, arguments, catch_exceptions=False)
-        error = re.search(r"^error: .*", shown, re.MULTILINE)
-        assert said.exit_code == (2 if error else 0), f"{where}: $ {line}\n{said.output}"
-        if error:
-            assert error[0] in said.stderr, f"{where}: $ {line} says {said.stderr!r}"
-
-
 def test_what_a_page_shows_is_typed(tmp_path: Path) -> None:
     """All `python` blocks and `examples/` in one run of `mypy --strict`: a page is a module, a block with a title a file
     of its own."""
     sources: dict[str, str] = {}
-    for page in PAGES:
+    for page in pages.PAGES:
         stem = str(page.relative_to(ROOT).with_suffix("")).replace("/", "_")
-        for block in blocks(page):
+        for block in pages.blocks(page):
             if block.language != "python":
                 continue
             module = f"{stem}_{Path(block.title).stem}" if block.title else stem
@@ -174,7 +140,7 @@ def test_what_a_page_shows_is_typed(tmp_path: Path) -> None:
 
 
 def test_there_is_something_to_run() -> None:
-    languages = [block.language for page in PAGES for block in blocks(page)]
+    languages = [block.language for page in pages.PAGES for block in pages.blocks(page)]
     assert {language: languages.count(language) >= 5 for language in ("python", "toml", "console")} == {
         "python": True,
         "toml": True,
@@ -186,12 +152,16 @@ def test_there_is_something_to_run() -> None:
 
 
 def test_every_table_that_is_asked_for_is_made_and_the_other_way_round(hooks: Any) -> None:
-    asked = {name for page in PAGES for name in hooks.ASKED.findall(page.read_text(encoding="utf-8"))}
+    asked = {name for page in pages.PAGES for name in hooks.ASKED.findall(page.read_text(encoding="utf-8"))}
     assert asked == set(hooks.TABLES)
     for name in asked:
-        assert "|" in (made := hooks.on_page_markdown(f"<!-- made from code: {name} -->")) or "```" in made, (
-            name
-        )
+        assert "|" in (made := hooks.filled(f"<!-- made from code: {name} -->")) or "```" in made, name
+
+
+@pytest.mark.parametrize("page", pages.PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_table_of_a_page_is_stale(page: Path, hooks: Any) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert hooks.filled(text) == text, "python docs/hooks.py writes the tables anew"
 
 
 def test_the_scenario_reference_names_every_key(hooks: Any) -> None:
@@ -246,6 +216,6 @@ def test_the_reference_names_what_there_is() -> None:
 
 
 def test_links_between_pages_lead_somewhere() -> None:
-    for page in PAGES:
+    for page in pages.PAGES:
         for target in re.findall(r"\]\((?!https?:)([^)#\s]+)", page.read_text(encoding="utf-8")):
             assert (page.parent / target).exists(), f"{page.relative_to(ROOT)} links to {target}"

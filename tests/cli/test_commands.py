@@ -84,8 +84,28 @@ def test_help_is_there_fast_without_the_heavy_imports() -> None:
 
 def test_version_and_unknown_options() -> None:
     assert re.fullmatch(r"uwcoop \d+\.\d+\S*\n", succeeds("--version").stdout)
-    assert uwcoop("run", "st-john", "--nonsense").exit_code == 2
-    assert uwcoop("fly").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("typed", "says"),
+    [
+        ("run st-john --nonsense", "No such option: --nonsense"),
+        ("fly", "No such command 'fly'"),
+        ("--nonsense", "No such option: --nonsense"),
+        ("run", "Missing argument 'MISSION'"),
+        ("study st-john", "Missing option '--runs'"),
+        ("run st-john --seed x", "Invalid value for '--seed'"),
+        ("run st-john --seed -1", "Invalid value for '--seed'"),
+        ("run st-john --figures", "Invalid value for --figures: needs the folder of the results"),
+        ("run st-john flat-bay", "Got unexpected extra argument"),
+    ],
+)
+def test_wrong_usage_ends_in_one_line_that_names_the_help(typed: str, says: str) -> None:
+    line = refusal(*typed.split())
+    assert line.startswith(says)
+    command = typed.split()[0]
+    shown = "uwcoop" if command in ("fly", "--nonsense") else f"uwcoop {command}"
+    assert line.endswith(f"`{shown} --help` shows its use")
 
 
 def test_bad_input_ends_the_process_in_one_line_and_code_2() -> None:
@@ -441,3 +461,28 @@ def test_outputs_that_cannot_be_are_refused(mission: Path, tmp_path: Path) -> No
     )
     assert uwcoop("simulate", "st-john", "-o", "mission.bag").exit_code == 2
     assert not os.listdir(".")
+
+
+def test_every_command_has_an_example_in_its_help_that_the_program_understands() -> None:
+    import shlex
+
+    from typer.main import get_command
+
+    from uwcoop.cli.commands import EXAMPLES
+
+    commands = get_command(app).commands  # type: ignore[attr-defined]
+    assert set(EXAMPLES) == set(commands)
+    for name, command in commands.items():
+        said = CliRunner().invoke(app, [name, "--help"])
+        assert f"uwcoop {name}" in said.stdout, name
+        program, called, *arguments = shlex.split(EXAMPLES[name].partition(" > ")[0])
+        assert (program, called) == ("uwcoop", name)
+        command.make_context(name, list(arguments))  # a usage error would be raised here
+
+
+def test_scenarios_as_json() -> None:
+    listed = json.loads(CliRunner().invoke(app, ["scenarios", "--json"]).stdout)
+    assert "flat-bay" in listed["scenarios"]
+    assert listed["navigators"]["team"]
+    one = json.loads(CliRunner().invoke(app, ["scenarios", "flat-bay", "--json"]).stdout)
+    assert one["name"] == "flat-bay"

@@ -14,6 +14,7 @@ import xarray as xr
 from rich.console import Console
 
 from fake_mission import mission
+from uwcoop.cli.terminal import show
 from uwcoop.errors import TracksError
 from uwcoop.evaluation import metrics
 from uwcoop.report import result_tables as report
@@ -363,6 +364,34 @@ def test_run_table_fits_eighty_columns_and_marks_inconsistency() -> None:
     narrow = rendered(report.summary_table(summary, settle_s=50), width=68).splitlines()
     for name, values in summary["navigators"]["dmpf"]["vehicles"].items():
         assert any(name in line and three_digits(values["final_error_m"]) in line for line in narrow)
+
+
+def test_no_digit_is_lost_on_a_narrow_terminal() -> None:
+    m = mission(duration_s=150)
+    summary = metrics.summarise(m.tracks, seconds=m.seconds, packets=m.packets)
+    console = Console(width=40, file=io.StringIO(), record=True)
+    show(report.summary_table(summary, settle_s=50), console)
+    text = console.export_text()
+    for navigator in summary["navigators"].values():
+        for values in navigator["vehicles"].values():
+            for key in ("rmse_m", "final_error_m", "anees"):
+                assert three_digits(values[key]) in text
+
+
+def test_a_ratio_below_the_bound_is_explained_and_silence_is_shown_where_there_is_some() -> None:
+    m = mission(duration_s=150)
+    m.tracks["bound_m"] = (("vehicle", "time"), np.full(m.tracks["received"].shape, 0.37))
+    m.tracks["unsent"] = m.tracks["rejected"] * 0
+    summary = metrics.summarise(m.tracks, seconds=m.seconds, packets=m.packets)
+    text = rendered(report.summary_table(summary, settle_s=50))
+    assert "below 1" not in text.replace("below 1 conservative", "")
+    assert "sent" not in text
+    for navigator in summary["navigators"].values():
+        for values in navigator["vehicles"].values():
+            values.update(rmse_over_bound=0.93, unsent=4)
+    text = rendered(report.summary_table(summary, settle_s=50))
+    assert "RMSE / bound below 1: the bound holds for the mean over many missions" in " ".join(text.split())
+    assert "sent" in text
 
 
 def test_tables_with_bounds_fit_eighty_columns() -> None:

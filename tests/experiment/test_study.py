@@ -203,14 +203,14 @@ def test_the_digest_of_a_large_file_costs_no_memory(tmp_path: Path) -> None:
     import hashlib
     import tracemalloc
 
-    from uwcoop.experiment.study import _file_digest
+    from uwcoop.experiment.study_variants import _digest_of_file
 
     large = tmp_path / "chart.tif"
     with large.open("wb") as file:
         file.truncate(128 * 2**20)
     tracemalloc.start()
     try:
-        digest = _file_digest(large)
+        digest = _digest_of_file(large)
         assert tracemalloc.get_traced_memory()[1] < 4 * 2**20
     finally:
         tracemalloc.stop()

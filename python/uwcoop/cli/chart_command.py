@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from uwcoop.cli.terminal import say, terminal
+from uwcoop.cli.terminal import say, show, terminal
 
 __all__ = ["chart"]
 
@@ -106,9 +106,9 @@ def chart(
     if as_json:
         typer.echo(json.dumps(facts, indent=2, allow_nan=False))
     else:
-        terminal().print(chart_table(facts))
+        show(chart_table(facts), terminal())
         if made is not None:
-            terminal().print(residuals_table(facts))
+            show(residuals_table(facts), terminal())
     for written in (picture, output):
         if written is not None:
             say(f"wrote {written}")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -28,8 +29,15 @@ from uwcoop.cli.terminal import (
     progress,
     say,
     say_written,
+    show,
     terminal,
 )
+
+if TYPE_CHECKING:
+    from rich.console import Group
+
+    from uwcoop.experiment.named_worlds import World
+    from uwcoop.experiment.study import StudyResult
 
 app = typer.Typer(
     cls=OneLineErrors,
@@ -42,6 +50,24 @@ app = typer.Typer(
     "compare.",
     epilog="Start with [bold]uwcoop demo[/bold]. Errors end in one line and exit code 2.",
 )
+
+
+EXAMPLES = {
+    "demo": "uwcoop demo -o uwcoop-demo",
+    "scenarios": "uwcoop scenarios flat-bay > bay.toml",
+    "keys": "uwcoop keys acoustics.modem",
+    "budget": "uwcoop budget flat-bay --navigator team,mpf",
+    "chart": "uwcoop chart soundings.csv --columns lon,lat,depth --picture chart.png",
+    "simulate": "uwcoop simulate poor-bay --seed 3 -o mission.mcap",
+    "run": "uwcoop run flat-bay --navigator mpf,team -o out",
+    "study": "uwcoop study flat-bay --runs 50 --navigator mpf,team --vary acoustics.loss.probability=0.0,0.4 -o loss",
+    "view": "uwcoop view out",
+}
+"""One for each command, at the end of its help."""
+
+
+def _example(name: str) -> str:
+    return f"Example: [bold]{EXAMPLES[name]}[/bold]"
 
 
 def _print_version(wanted: bool) -> None:
@@ -61,7 +87,7 @@ def _options(
     pass
 
 
-@app.command()
+@app.command(epilog=_example("demo"))
 def demo(
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for the results.")
@@ -77,14 +103,11 @@ def demo(
     say(f"`uwcoop view {output}` plays the mission; `uwcoop run {output / 'mission.mcap'}` replays its log")
 
 
-for _command in (scenarios, keys, budget):
-    app.command()(_command)
+for _command in (scenarios, keys, budget, chart_command):
+    app.command(epilog=_example(_command.__name__))(_command)
 
 
-app.command()(chart_command)
-
-
-@app.command()
+@app.command(epilog=_example("simulate"))
 def simulate(
     scenario: ScenarioArgument,
     output: Annotated[Path, typer.Option("-o", "--output", metavar="MISSION.mcap", help="The log to write.")],
@@ -110,7 +133,7 @@ def simulate(
     )
 
 
-@app.command()
+@app.command(epilog=_example("run"))
 def run(
     mission: Annotated[
         str,
@@ -170,7 +193,7 @@ def run(
         typer.echo(summary_text(result.summary))
 
 
-@app.command()
+@app.command(epilog=_example("study"))
 def study(
     scenario: ScenarioArgument,
     runs: Annotated[
@@ -193,6 +216,14 @@ def study(
     processes: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="At most so many at a time; else all cores.")
     ] = None,
+    worlds: Annotated[
+        str | None,
+        typer.Option(
+            metavar="faults|FILE",
+            help="Fly each variant in every world of a list: the packaged faults (clocks, sound speed, multipath, "
+            "losses, wrong beliefs), or a TOML file of your own.",
+        ),
+    ] = None,
     figures: FiguresOption = False,
 ) -> None:
     """Run many missions, the same for every navigator and variant: accuracy and consistency over all of them."""
@@ -201,9 +232,8 @@ def study(
     from uwcoop.errors import ScenarioError
     from uwcoop.evaluation.metrics import summary_text
     from uwcoop.experiment.mission import load_scenario
+    from uwcoop.experiment.named_worlds import worlds_of
     from uwcoop.experiment.study import study as compare
-    from uwcoop.navigators import not_realisable
-    from uwcoop.report.result_tables import study_table
     from uwcoop.report.run_folder import write_study_figures
     from uwcoop.scenario import alternatives
     from uwcoop.world.simulate import setup_notes
@@ -211,6 +241,7 @@ def study(
     needs_folder(resume, output, "--resume")
     needs_folder(figures, output, "--figures")
     varied = [alternatives(text) for text in vary or ()]
+    listed = worlds_of(worlds) if worlds is not None else []
     with suppress(ScenarioError):  # a variant may mend it; what is wrong in all of them the study says
         for note in setup_notes(load_scenario(scenario, None, settings or ())):
             say(f"note: {note}")
@@ -226,16 +257,10 @@ def study(
             overrides=settings or (),
             first_seed=first_seed,
             keep_errors=figures,
+            worlds=listed,
             progress=lambda done, total: step("missions flown", done, total),
         )
-    flown = [name for variant in result.summary["variants"] for name in variant["navigators"]]
-    table = study_table(
-        result.summary,
-        settle_s=result.settle_s,
-        vehicles=result.vehicles,
-        not_realisable=not_realisable(flown),
-    )
-    terminal(err=as_json).print(table)
+    show(_study_tables(result, listed), terminal(err=as_json))
     if output is not None:
         files = ["summary.json", "runs.csv", "study.json"]
         if figures:
@@ -246,12 +271,29 @@ def study(
         typer.echo(summary_text(result.summary))
 
 
-@app.command()
+def _study_tables(result: StudyResult, worlds: Sequence[World]) -> Group:
+    """A study's tables: one for each variant, or one over all worlds."""
+    from uwcoop.navigators import not_realisable
+    from uwcoop.report.result_tables import study_table
+    from uwcoop.report.world_table import world_tables
+
+    if worlds:
+        return world_tables(result.summary, worlds, settle_s=result.settle_s)
+    flown = [name for variant in result.summary["variants"] for name in variant["navigators"]]
+    return study_table(
+        result.summary,
+        settle_s=result.settle_s,
+        vehicles=result.vehicles,
+        not_realisable=not_realisable(flown),
+    )
+
+
+@app.command(epilog=_example("view"))
 def view(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that `run -o` or `demo` wrote.")],
     web: Annotated[bool, typer.Option("--web", help="In the browser instead of a window.")] = False,
 ) -> None:
     """Open a folder's replay in the Rerun viewer, which listens on this machine only."""
-    from uwcoop.viewer import view as show
+    from uwcoop.viewer import view as open_viewer
 
-    show(folder, web=web)
+    open_viewer(folder, web=web)

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from uwcoop.cli.options import NavigatorsOption, ScenarioArgument, SetOption
-from uwcoop.cli.terminal import names_of, terminal
+from uwcoop.cli.terminal import names_of, show, terminal
 
 
 def scenarios(
@@ -15,16 +15,30 @@ def scenarios(
         str | None,
         typer.Argument(metavar="[NAME]", help="Print this scenario's file, to start one of your own from."),
     ] = None,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print names and descriptions as JSON on stdout; of NAME, its keys."),
+    ] = False,
 ) -> None:
     """List the packaged scenarios and navigators, or print the file of one scenario."""
     from uwcoop.navigators import NAVIGATORS
     from uwcoop.report.input_tables import packaged_tables
-    from uwcoop.scenario import packaged, packaged_text
+    from uwcoop.scenario import load, packaged, packaged_text
 
     if name is not None:
-        typer.echo(packaged_text(name), nl=False)
+        typer.echo(_as_json(load(name).resolved()) if as_json else packaged_text(name), nl=as_json)
         return
-    terminal().print(packaged_tables(packaged(), {name: spec.summary for name, spec in NAVIGATORS.items()}))
+    navigators = {name: spec.summary for name, spec in NAVIGATORS.items()}
+    if as_json:
+        typer.echo(_as_json({"scenarios": dict(packaged()), "navigators": navigators}))
+    else:
+        show(packaged_tables(packaged(), navigators), terminal())
+
+
+def _as_json(told: object) -> str:
+    import json
+
+    return json.dumps(told, indent=2, ensure_ascii=False, allow_nan=False)
 
 
 def keys(
@@ -34,7 +48,6 @@ def keys(
     as_json: Annotated[bool, typer.Option("--json", help="Print them as JSON on stdout.")] = False,
 ) -> None:
     """List the keys of a scenario file, as `--set` takes them: unit, default, bound and meaning."""
-    import json
     from dataclasses import asdict
 
     from uwcoop.report.input_tables import keys_table
@@ -42,9 +55,9 @@ def keys(
 
     found = all_keys(prefix)
     if as_json:
-        typer.echo(json.dumps([asdict(key) for key in found], indent=2, ensure_ascii=False))
+        typer.echo(_as_json([asdict(key) for key in found]))
     else:
-        terminal().print(keys_table(found))
+        show(keys_table(found), terminal())
 
 
 def budget(
@@ -56,7 +69,6 @@ def budget(
     ] = False,
 ) -> None:
     """Show the acoustic budget: fields, bytes, frames, air time, slot and cycle; the same for other teams and slots."""
-    import json
     from dataclasses import asdict
 
     from uwcoop.experiment.mission import load_scenario
@@ -65,6 +77,6 @@ def budget(
 
     plan = count(load_scenario(scenario, None, settings or ()), names_of(navigator))
     if as_json:
-        typer.echo(json.dumps(asdict(plan), indent=2, ensure_ascii=False, allow_nan=False))
+        typer.echo(_as_json(asdict(plan)))
     else:
-        terminal().print(budget_report(plan))
+        show(budget_report(plan), terminal())

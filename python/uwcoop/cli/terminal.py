@@ -20,9 +20,19 @@ if TYPE_CHECKING:
     from uwcoop.missionlog import MissionLog
 
 
+USAGE_ERROR: type[Any] = typer.BadParameter.__bases__[0]
+"""click's `UsageError`, which some versions of typer bring along themselves."""
+
+
 class OneLineErrors(TyperGroup):
-    """Bad input gives one line on stderr and exit code 2, SIGINT one line and 130, SIGTERM one line and 143; unexpected
-    errors keep their traceback."""
+    """Bad input and usage give one line on stderr and exit code 2, SIGINT one line and 130, SIGTERM one line and 143;
+    unexpected errors keep their traceback."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().make_context(*args, **kwargs)
+        except USAGE_ERROR as error:
+            fail_usage(error)
 
     def invoke(self, ctx: Any) -> Any:
         from uwcoop.errors import UwcoopError
@@ -36,6 +46,8 @@ class OneLineErrors(TyperGroup):
             raise  # `uwcoop … | head` is no error: click ends quietly
         except UwcoopError as error:
             fail(str(error))
+        except USAGE_ERROR as error:
+            fail_usage(error)
         except OSError as error:
             where = f"{error.filename}: " if error.filename else ""
             fail(f"{where}{error.strerror or error}")
@@ -65,6 +77,17 @@ def fail(message: str) -> NoReturn:
     raise typer.Exit(2)
 
 
+def fail_usage(error: Any) -> NoReturn:
+    """End the command with one line on stderr that says what was wrong with its arguments and where its help is."""
+    called: list[str] = []
+    context = error.ctx
+    while context is not None and context.parent is not None:
+        called.insert(0, context.info_name)
+        context = context.parent
+    path = " ".join(["uwcoop", *called])
+    fail(f"{error.format_message().rstrip('.')}: `{path} --help` shows its use")
+
+
 def needs_folder(wanted: bool, folder: Path | None, option: str) -> None:
     """Refuse an option that has no meaning without a folder."""
     if wanted and folder is None:
@@ -83,6 +106,16 @@ def terminal(*, err: bool = False) -> Console:
     return Console(stderr=err, highlight=False)
 
 
+def show(shown: Any, console: Console) -> None:
+    """Print a table or a group of tables whole: where the terminal is too narrow for its numbers, the lines are longer
+    than the terminal, and no digit is lost."""
+    from rich.measure import Measurement
+
+    needed = Measurement.get(console, console.options.update(width=10_000), shown).minimum
+    console.width = max(console.width, needed)
+    console.print(shown)
+
+
 def print_run(result: RunResult, console: Console) -> None:
     """The table of a run, and below it what each navigator has no use for."""
     from uwcoop.navigators import not_realisable
@@ -90,8 +123,9 @@ def print_run(result: RunResult, console: Console) -> None:
 
     summary = result.summary
     marked = not_realisable(summary["navigators"])
-    console.print(
-        summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked)
+    show(
+        summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked),
+        console,
     )
     for line in unused_lines(summary):
         console.print(line)
@@ -107,12 +141,18 @@ def print_notes(log: MissionLog) -> None:
 
 @contextmanager
 def progress(title: str, total: int | None) -> Iterator[Callable[..., None]]:
-    """A bar on stderr while the block runs. It is moved by `step(text)`, or set by `step(text, done, total)`."""
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+    """A bar with the time left, on stderr, while the block runs.
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    It is moved by `step(text)`, or set by `step(text, done, total)`.
+    """
+    from rich import progress as bars
+
+    columns = (
+        bars.TextColumn("{task.description}"), bars.BarColumn(), bars.MofNCompleteColumn(),
+        bars.TimeElapsedColumn(), bars.TextColumn("left"), bars.TimeRemainingColumn(),
+    )  # fmt: skip
     console = terminal(err=True)
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    with bars.Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task(title, total=total)
 
         def step(text: str, done: int | None = None, of: int | None = None) -> None:

@@ -278,7 +278,7 @@ METRICS: dict[str, Metric] = {
         "slots left silent because what there was to say did not fit",
         _unsent,
         int,
-        column=Column("un-\nsent", "whole"),
+        column=Column("un-\nsent", "whole", only_if_any=True),
     ),
     "rmse_over_bound": Metric(
         "1",

@@ -22,6 +22,8 @@ class Column:
     """three digits: significant ones, none dropped before the point."""
     always: bool = False
     """Shown even where it applies to nobody."""
+    only_if_any: bool = False
+    """Left out where every value is zero."""
     marks_consistency: bool = False
     """A NEES whose ideal is 2: values that mean an overconfident or conservative navigator are marked."""
 

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import itertools
-import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -14,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uwcoop import acoustics
-from uwcoop import scenario as scenarios
 from uwcoop.acoustics.authentication import check_key
 from uwcoop.errors import ScenarioError, StudyError
 from uwcoop.evaluation import metrics
@@ -25,18 +21,27 @@ from uwcoop.evaluation.error_series import (
     write_error_series,
 )
 from uwcoop.evaluation.metrics import summary_text
-from uwcoop.experiment.navigator_choice import default_navigators
-from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore, text_of
+from uwcoop.experiment.named_worlds import worlds_of
+from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore
+from uwcoop.experiment.study_variants import (
+    WORLD,
+    Variant,
+    digest,
+    fit_everywhere,
+    label_of,
+    name_of,
+    variants_of,
+)
 from uwcoop.experiment.study_workers import FlownSeed, flights
-from uwcoop.navigators import Custom, options_of
+from uwcoop.navigators import Custom
 from uwcoop.report.atomic_files import check_folder, lock_folder
 from uwcoop.report.interruption import deferred
 from uwcoop.scenario.secrets import holds_secret, redact, sets_secret
-from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from uwcoop.experiment.named_worlds import World
     from uwcoop.scenario.models import Scenario
 
 __all__ = ["StudyResult", "study"]
@@ -58,20 +63,6 @@ class StudyResult:
     """Every run's error over time, as `uwcoop.evaluation.error_series` describes it, if it was to be kept."""
 
 
-@dataclass(frozen=True)
-class _Variant:
-    settings: dict[str, Any]
-    scenario: Scenario
-
-    @property
-    def texts(self) -> tuple[str, ...]:
-        return tuple(text_of(value) for value in self.settings.values())
-
-    @property
-    def label(self) -> str:
-        return _label(self.settings, self.texts)
-
-
 def study(
     scenario: Scenario | str | Path,
     runs: int,
@@ -84,6 +75,7 @@ def study(
     overrides: Sequence[str] = (),
     first_seed: int = 0,
     keep_errors: bool = False,
+    worlds: str | Path | Sequence[World] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> StudyResult:
     """Runs navigators over many missions: run k has the seed `first_seed + k`, whatever the variant.
@@ -105,6 +97,8 @@ def study(
         first_seed: seed of the first run.
         keep_errors: keep every run's error over time, in the result and as `errors.nc` in `out`. Of a study
             that is resumed, what was flown without it is not flown again.
+        worlds: every variant is flown in each of these worlds; a packaged list ("faults"), a file of worlds, or
+            the worlds themselves. The varied key is "world".
         progress: called with the missions done and the missions in all, those skipped included.
 
     Raises:
@@ -113,32 +107,34 @@ def study(
     if runs < 1 or first_seed < 0:
         raise ScenarioError(f"runs is {runs} and first_seed {first_seed}: must be at least 1 and 0")
     _refuse_secrets(overrides, vary or {})
-    variants = list(_variants(scenario, overrides, vary or {}))
-    chosen = _fit_everywhere(variants) if navigators is None else list(navigators)
+    listed = worlds_of(worlds) if isinstance(worlds, str | Path) else list(worlds)
+    variants = list(variants_of(scenario, overrides, vary or {}, listed))
+    keys = [*(vary or {}), *([WORLD] if listed else [])]
+    chosen = fit_everywhere(variants) if navigators is None else list(navigators)
     for variant in variants:
         acoustics.schedule(variant.scenario.acoustics, [v.name for v in variant.scenario.team], 0.0)
         check_key(variant.scenario.acoustics.authentication)
     with _sole_writer(None if out is None else Path(out)) as folder:
         store = StudyStore(
             folder,
-            list(vary or {}),
+            keys,
             {
                 "uwcoop": version("uwcoop"),
                 "scenario": variants[0].scenario.name,
-                "navigators": [_name(n) for n in chosen],
+                "navigators": [name_of(n) for n in chosen],
             },
-            {variant.texts: _digest(variant.scenario, chosen) for variant in variants},
+            {variant.texts: digest(variant.scenario, chosen) for variant in variants},
             resume=resume,
         )
         seeds = range(first_seed, first_seed + runs)
-        kept = _kept_before(store, list(vary or {}), folder) if keep_errors and folder is not None else {}
+        kept = _kept_before(store, keys, folder) if keep_errors and folder is not None else {}
         pending = _pending(store, variants, chosen, seeds)
-        worlds = [variant.scenario for variant in variants]
+        flown_in = [variant.scenario for variant in variants]
         done, total = len(variants) * runs - sum(len(p) for p in pending.values()), len(variants) * runs
         if progress:
             progress(done, total)
         try:
-            for seed, flown in flights(pending, worlds, chosen, processes, keep_errors):
+            for seed, flown in flights(pending, flown_in, chosen, processes, keep_errors):
                 store.add(_labelled(flown, variants, seed, first_seed))
                 kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
                 done += len(flown)
@@ -176,7 +172,7 @@ def _sole_writer(folder: Path | None) -> Iterator[Path | None]:
             folder.rmdir()
 
 
-def _labelled(flown: FlownSeed, variants: Sequence[_Variant], seed: int, first_seed: int) -> list[Row]:
+def _labelled(flown: FlownSeed, variants: Sequence[Variant], seed: int, first_seed: int) -> list[Row]:
     """A seed's rows with the values of the varied keys and the run's number."""
     return [
         {
@@ -204,51 +200,8 @@ def _refuse_secrets(overrides: Sequence[str], vary: Mapping[str, Sequence[Any]])
         )
 
 
-def _fit_everywhere(variants: Sequence[_Variant]) -> list[str | Custom]:
-    """The packaged navigators that take part in every variant."""
-    fits = [default_navigators(MissionSetup.of(v.scenario), len(v.scenario.team)) for v in variants]
-    return [name for name in fits[0] if all(name in f for f in fits)]
-
-
-def _variants(
-    scenario: Scenario | str | Path, overrides: Sequence[str], vary: Mapping[str, Sequence[Any]]
-) -> Iterator[_Variant]:
-    for values in itertools.product(*vary.values()):
-        settings = dict(zip(vary, values, strict=True))
-        if isinstance(scenario, str | Path):
-            yield _Variant(settings, scenarios.load(scenario, overrides, settings))
-        else:
-            table = scenarios.apply_overrides(scenario.resolved(), overrides)
-            yield _Variant(
-                settings, scenarios.parse(scenarios.apply_settings(table, settings), scenario.name)
-            )
-
-
-def _name(navigator: str | Custom) -> str:
-    return navigator if isinstance(navigator, str) else navigator.name
-
-
-def _digest(scenario: Scenario, navigators: Sequence[str | Custom]) -> str:
-    """SHA-256 of what a variant's rows depend on: scenario, the navigators' options, files that are read."""
-    setup = MissionSetup.of(scenario)
-    options = {n: options_of(n, setup).model_dump() for n in navigators if isinstance(n, str)}
-    chart = scenario.chart
-    paths = [chart.source] if chart is not None and chart.synthetic is None else []
-    paths += [vehicle.track.file for vehicle in scenario.team if vehicle.track is not None]
-    # A file that is missing is refused, with a better message, by who reads it.
-    files = [_file_digest(Path(p)) for p in paths if Path(p).is_file()]
-    content = json.dumps([setup.tables(), options, files], sort_keys=True)
-    return hashlib.sha256(content.encode()).hexdigest()
-
-
-def _file_digest(path: Path) -> str:
-    """SHA-256 of a file, read a piece at a time: charts may be larger than the memory."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
 def _pending(
-    store: StudyStore, variants: Sequence[_Variant], navigators: Sequence[str | Custom], seeds: Iterable[int]
+    store: StudyStore, variants: Sequence[Variant], navigators: Sequence[str | Custom], seeds: Iterable[int]
 ) -> dict[int, list[int]]:
     """By seed, the variants that are still to be run; what was cut off while it was written counts as such."""
     counts = store.missions()
@@ -264,17 +217,13 @@ def _pending(
     return pending
 
 
-def _label(keys: Iterable[str], texts: Iterable[str]) -> str:
-    return ", ".join(f"{key} = {text}" for key, text in zip(keys, texts, strict=True))
-
-
 def _kept_before(store: StudyStore, keys: Sequence[str], folder: Path) -> ErrorSeries:
     """Errors over time in the folder, of missions whose rows it holds too."""
-    flown = {(_label(keys, texts), seed) for texts, seed in store.missions()}
+    flown = {(label_of(keys, texts), seed) for texts, seed in store.missions()}
     return {mission: series for mission, series in read_error_series(folder).items() if mission in flown}
 
 
-def _result(store: StudyStore, variants: Sequence[_Variant], runs: int, first_seed: int) -> StudyResult:
+def _result(store: StudyStore, variants: Sequence[Variant], runs: int, first_seed: int) -> StudyResult:
     rows: list[Row] = []
     summaries = []
     for variant in variants:

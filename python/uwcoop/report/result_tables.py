@@ -32,7 +32,8 @@ def summary_table(
         f"{summary['mission']}, seed {summary['seed']}",
         f"Errors over the instants of the 1 Hz grid after {settle_s:g} s. {_ANEES_CAPTION}"
         + (" (n): infinite or undefined at n instants." if undefined else "")
-        + " Instants of one run are correlated: judge consistency over many runs.",
+        + " Instants of one run are correlated: judge consistency over many runs."
+        + _bound_caption(vehicles),
     )
     columns = _applicable({key: m.column for key, m in metrics.METRICS.items()}, vehicles)
     names = {name: _navigator_cell(name, navigator, not_realisable) for name, navigator in navigators.items()}
@@ -87,6 +88,7 @@ def study_table(
     )
     variants = summary["variants"]
     every = [values for variant in variants for values in variant["navigators"].values()]
+    caption += _bound_caption(every)
     columns = _applicable({entry.key: entry.column for entry in metrics.pooled_metrics()}, every)
     names = [_name(name, not_realisable) for variant in variants for name in variant["navigators"]]
     runs = f"{summary['scenario']}, {summary['runs']} run{'s' if summary['runs'] != 1 else ''}"
@@ -111,6 +113,20 @@ _ANEES_CAPTION = (
 )
 
 
+def _bound_caption(values: Iterable[Mapping[str, Any]]) -> str:
+    """What a ratio to the bound below 1 means, where the table shows one."""
+    ratios = [value for row in values for key in _TO_BOUND if (value := row.get(key)) is not None]
+    if not any(ratio < 1 for ratio in ratios):
+        return ""
+    return (
+        " RMSE / bound below 1: the bound holds for the mean over many missions; one mission may be luckier, "
+        "and a bound of linearised soundings is no strict one."
+    )
+
+
+_TO_BOUND = ("rmse_over_bound", "rmse_over_linearised_bound")
+
+
 def _table(title: str, caption: str | None) -> Table:
     return Table(
         title=title, caption=caption, caption_justify="left", header_style="bold", box=SIMPLE_HEAD,
@@ -124,8 +140,13 @@ def _applicable(
     return {
         key: column
         for key, column in columns.items()
-        if column is not None and (column.always or any(v.get(key) is not None for v in values))
+        if column is not None and (column.always or any(_counts(v.get(key), column) for v in values))
     }
+
+
+def _counts(value: float | None, column: metrics.Column) -> bool:
+    """Whether a value is a reason to show its column."""
+    return value is not None and not (column.only_if_any and value == 0)
 
 
 def _number_column(table: Table, heading: str, cells: list[Text]) -> None:

@@ -208,16 +208,9 @@ impl Deif {
             return Ok(Outcome::Noted);
         }
         let depth_m = self.core.server.filter.sensors.depth_m();
-        let range = Range::measured(
-            tol_ns,
-            toa_ns,
-            self.sound_speed_mps,
-            depth_m,
-            message.depth_m,
-            // The packet holds it in float64.
-            0.0,
-            self.options.sigma_range_m,
-        );
+        let (sound, sigma_m) = (self.sound_speed_mps, self.options.sigma_range_m);
+        // The packet holds the depth in float64: there are no steps.
+        let range = Range::measured(tol_ns, toa_ns, sound, depth_m, message.depth_m, 0.0, sigma_m);
         let Ok(range) = range else { return Ok(self.reject()) };
         let (update, node) = match self.peer_update(sender, admission.counter, &message) {
             Ok(Some(found)) => found,
