@@ -25,7 +25,6 @@ use crate::information::replica::{JoinPlan, Method, Replica};
 use crate::link::{AckBitmap, Admission, ReceiveWindow};
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Navigator, Outcome, Profile};
-use crate::packet::Header;
 use crate::packet::graph::rounded::rounded_lags;
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
 
@@ -188,10 +187,7 @@ impl Mdeif {
     ) -> Result<Outcome, Error> {
         let own_depth_m = self.core.server.filter.sensors.depth_m();
         let (local, sound) = (&self.options.local, self.sound_speed_mps);
-        let step_m = match self.options.form {
-            GraphForm::F64 => 0.0,
-            _ => Header::coarse_depth_step_m(message.depth_m),
-        };
+        let step_m = self.options.form.depth_step_m(message.depth_m);
         let range = Range::measured(tol_ns, toa_ns, sound, own_depth_m, message.depth_m, step_m, local);
         let Ok(range) = range else { return Ok(self.reject()) };
         let replica = &self.core.peers[usize::from(sender)].replica;

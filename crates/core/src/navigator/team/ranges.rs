@@ -4,7 +4,7 @@ use super::group::Group;
 use super::packet_updates::Target;
 use super::{Team, TeamState};
 use crate::event::VehicleId;
-use crate::kernels::team::RangeOp;
+use crate::kernels::team::{Op, RangeOp};
 use crate::kernels::weights::{weighted_covariance, weighted_mean};
 use crate::link::{depth_rounding_m2, range_m, slant_to_horizontal};
 use crate::navigator::radio::SLANT_GATES;
@@ -17,9 +17,15 @@ const TOLD_SHARE: f64 = 0.25;
 /// The range to the sender of a packet.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct OwnRange {
-    pub op: RangeOp,
+    pub range: RangeOp,
     /// Whether teammates may take it for an ordinary one.
     pub worth_telling: bool,
+}
+
+impl OwnRange {
+    pub fn op(&self) -> Op {
+        Op::RangeToOwn { own: 1, clock_sign: 1.0, range: self.range }
+    }
 }
 
 /// From a launch to the end of its reception at most, ns: a frame of 64 bytes at 80 bit/s and the way.
@@ -101,8 +107,8 @@ impl<const K: usize> Team<K> {
         let step_m = Header::coarse_depth_step_m(sender_m);
         let rounding_m2 = depth_rounding_m2(horizontal_m, self.radio.depth_m - sender_m, step_m);
         let variance_m2 = range_m2 + slope * slope * clock_m2 + rounding_m2;
-        let op = RangeOp { range_m: horizontal_m + clock_m, variance_m2 };
-        Some(OwnRange { op, worth_telling: rounding_m2 <= TOLD_SHARE * range_m2 })
+        let range = RangeOp { range_m: horizontal_m + clock_m, variance_m2 };
+        Some(OwnRange { range, worth_telling: rounding_m2 <= TOLD_SHARE * range_m2 })
     }
 
     /// Slant and horizontal range to the sender of the packet in scratch, m, less what its clock is thought to add; `None`

@@ -194,16 +194,12 @@ impl<const K: usize> Team<K> {
 
         self.own_positions(toa_ns);
         let own = self.own_range(index, base, tol_ns, toa_ns);
-        self.scratch.updates.ops.extend(own.map(|own| Op::RangeToOwn {
-            own: 1,
-            clock_sign: 1.0,
-            range: own.op,
-        }));
+        self.scratch.updates.ops.extend(own.map(|own| own.op()));
         let mut column = self.terrain.state.core.cloud.likelihood_column();
         self.run_gated(index, base, &mut column);
         let used = self.scratch.updates.ops.iter().any(|op| matches!(op, Op::RangeToOwn { own: 1, .. }));
         if let Some(own) = own.filter(|own| used && own.worth_telling) {
-            self.state.outgoing.range(sender, sequence, own.op.range_m);
+            self.state.outgoing.range(sender, sequence, own.range.range_m);
         }
         let mate = Teammate { tol_ns, position_m, sequence, since_sounding_m, contradicting_fixes };
         self.state.mates[usize::from(sender)] = Some(mate);

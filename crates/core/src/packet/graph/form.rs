@@ -16,6 +16,11 @@ pub enum GraphForm {
 }
 
 impl GraphForm {
+    /// The step in which a packet of this form carries a depth, m, where it counts in the noise of a range.
+    pub fn depth_step_m(self, depth_m: f64) -> f64 {
+        if self == Self::F64 { 0.0 } else { crate::packet::Header::coarse_depth_step_m(depth_m) }
+    }
+
     /// Packets that an acknowledgement bitmap looks back on.
     #[must_use]
     pub fn acknowledged(self) -> u32 {
