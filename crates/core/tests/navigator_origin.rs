@@ -22,6 +22,7 @@ fn local() -> LocalOptions {
         sigma_velocity0_mps: 1.0,
         sigma_range_m: 1.0,
         gate_sigmas: 6.0,
+        clock: uwcoop_core::navigator::clock::ClockOptions::NONE,
     }
 }
 

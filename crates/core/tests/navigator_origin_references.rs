@@ -21,6 +21,7 @@ const LOCAL: LocalOptions = LocalOptions {
     sigma_velocity0_mps: 1.0,
     sigma_range_m: 1.0,
     gate_sigmas: 6.0,
+    clock: uwcoop_core::navigator::clock::ClockOptions::NONE,
 };
 
 fn belief(vehicle: VehicleId, correlation: Correlation) -> Box<dyn Navigator> {

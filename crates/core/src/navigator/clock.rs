@@ -26,13 +26,7 @@ pub struct ClockOptions {
 
 impl Default for ClockOptions {
     fn default() -> Self {
-        Self {
-            offset_sigma_s: 0.0,
-            drift_sigma_ppm: 0.0,
-            sound_speed_sigma_mps: 0.0,
-            late_share: 0.0,
-            lateness_m: 20.0,
-        }
+        Self::NONE
     }
 }
 
@@ -48,6 +42,15 @@ pub struct ClockPrior {
 }
 
 impl ClockOptions {
+    /// Nothing is wrong with ranges but their noise.
+    pub const NONE: Self = Self {
+        offset_sigma_s: 0.0,
+        drift_sigma_ppm: 0.0,
+        sound_speed_sigma_mps: 0.0,
+        late_share: 0.0,
+        lateness_m: 20.0,
+    };
+
     /// Refuses what is not finite or outside its bounds.
     ///
     /// # Errors
