@@ -22,6 +22,7 @@ fn mdeif(own: u16, form: GraphForm) -> Option<Mdeif> {
         sigma_velocity0_mps: 1.0,
         sigma_range_m: 1.0,
         gate_sigmas: 6.0,
+        ..LocalOptions::default()
     };
     let methods = Methods { joint: true, lags: 2, equation_6: true, loss_max: 1e-4 };
     let options = MdeifOptions { local, form, exact_lags: 2, methods };

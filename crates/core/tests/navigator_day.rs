@@ -83,6 +83,7 @@ fn sensed(vehicle: VehicleId, t_ns: i64) -> Vec<Event> {
         let (de, dn) = (200.0 - here[0], 200.0 - here[1]);
         payloads.push(Payload::AcousticFix {
             peer: 0,
+            peer_depth_m: None,
             transmit_ns: t_ns - SECOND / 10,
             range_m: Some(de.hypot(dn)),
             own_bearing_rad: Some(dn.atan2(de) - yaw_rad),
