@@ -68,7 +68,9 @@ impl NoiseFactor {
             for (nat, factor) in evidence.iter_mut().zip(FACTORS) {
                 let variance = 2.0 * (factor * sigma_m).powi(2) + rest;
                 *nat = -0.5 * (variance.ln() + square / variance);
-                best = best.max(*nat);
+                if factor <= most {
+                    best = best.max(*nat);
+                }
             }
             let mut largest = f64::NEG_INFINITY;
             for ((log_weight, nat), factor) in self.log_weights.iter_mut().zip(evidence).zip(FACTORS) {
