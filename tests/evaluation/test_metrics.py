@@ -86,7 +86,8 @@ def test_summary_has_exactly_the_documented_keys() -> None:
     assert list(dmpf["vehicles"]) == ["auv-1", "auv-2", "auv-3"]
     assert list(dmpf["vehicles"]["auv-1"]) == [
         "rmse_m", "median_error_m", "p95_error_m", "final_error_m", "anees", "state_anees_per_dof",
-        "yaw_rmse_deg", "rejected", "unsent", "rmse_over_bound", "rmse_over_linearised_bound",
+        "yaw_rmse_deg", "rejected", "unsent", "depth_noise_factor", "range_noise_factor",
+        "rmse_over_bound", "rmse_over_linearised_bound",
     ]  # fmt: skip
     json.dumps(summary, allow_nan=False)
 
@@ -271,7 +272,8 @@ def test_pool_by_hand() -> None:
     assert got["state_anees_per_dof"] is None
     assert list(got) == [
         "median_rmse_m", "rmse_m", "median_final_error_m", "p95_final_error_m", "lost_share", "anees",
-        "anees_median", "state_anees_per_dof", "yaw_rmse_deg", "rmse_over_bound", "rmse_over_linearised_bound",
+        "anees_median", "state_anees_per_dof", "yaw_rmse_deg", "depth_noise_factor", "range_noise_factor",
+        "rmse_over_bound", "rmse_over_linearised_bound",
         "packet_bytes_max", "seconds",
     ]  # fmt: skip
 

@@ -41,7 +41,7 @@ def judged(world: str, radius_m: float, runs: int, navigator: str = ALONE) -> li
 
 @pytest.mark.parametrize("navigator", [ALONE, "mpf", "team"])
 def test_a_start_known_to_300_m_is_found_on_rich_terrain(navigator: str) -> None:
-    told = ("sensors.fix.radius_m=300", "duration_s=300", "vehicles.count=2")
+    told = ("sensors.fix.radius_m=300", "duration_s=600", "vehicles.count=2")
     log = uwcoop.simulate(scenario.load("st-john-drift", told), seed=0)
     tracks = uwcoop.run(log, [navigator], clouds=False).tracks
     acquiring = tracks.acquiring.values[0]

@@ -122,7 +122,7 @@ CHANGED: dict[str, Any] = {
     "sigma_map_m": 0.5,
     "sounding_spacing_m": 4.0,
     "least_ess_share": 0.4,
-    "depth_noise_factor_max": None,
+    "depth_noise_factor_max": 1.0,  # as stated
     "packet_least_ess_share": 0.4,
     "packet_spacing_m": 20.0,
     "team_drift": ("dvl", "no-dvl", "dvl"),

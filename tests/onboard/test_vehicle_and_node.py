@@ -204,7 +204,7 @@ def test_messages_come_back_bit_for_bit(e_m, n_m, t_ns, packet) -> None:
         uwcoop.Event(t_ns + 9, 2, "reception", sender=0, tol_ns=t_ns, toa_ns=t_ns + 5, bytes=packet),
         uwcoop.Event(
             t_ns + 9, 0, "acoustic_fix", peer=1, transmit_ns=t_ns, range_m=abs(e_m) + 1,
-            own_bearing_rad=float("nan"), peer_bearing_rad=float("nan"),
+            own_bearing_rad=float("nan"), peer_bearing_rad=float("nan"), peer_depth_m=float("nan"),
         ),
     ):  # fmt: skip
         (message,) = decode(encode(event_message(event)))

@@ -31,7 +31,7 @@ Message = dict[str, Any]
 MESSAGE_LIMIT_BYTES = 60_000
 """Of a datagram: what UDP carries, less some room."""
 _RECEPTION = {"sender": "i8", "tol_ns": "i8", "toa_ns": "i8", "bytes": "hex"}
-_MAY_BE_NAN = {"range_m", "own_bearing_rad", "peer_bearing_rad"}
+_MAY_BE_NAN = {"range_m", "own_bearing_rad", "peer_bearing_rad", "peer_depth_m"}
 _I8 = range(-(2**63), 2**63)
 
 

@@ -6,11 +6,11 @@ range; `TL` beacon, x and y. Seconds, metres, radians.
 
 from __future__ import annotations
 
-import io
 import struct
 import zlib
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from uwcoop.importers.bounded import (
     beyond,
     read_bytes,
     read_limit_bytes,
-    refuse_array,
     refused,
 )
+from uwcoop.importers.datasets.matlab_tables import tables_of
 from uwcoop.importers.datasets.recording import Recording
 
 if TYPE_CHECKING:
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 
 COLUMNS = {"DR": 3, "GT": 4, "TD": 4, "TL": 3}
-NUMBERS = ("double", "single", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64")
-"""MATLAB's classes that a table may have; of others the header alone can ask for any amount of memory."""
 COMPRESSED = 15
 """Type of a compressed element (MathWorks, "MAT-File Level 5 file format")."""
 
@@ -71,26 +69,14 @@ def read_plaza(path: Path) -> Recording:
 
 
 def _tables(path: Path) -> dict[str, NDArray[np.float64]]:
-    try:
-        from scipy.io import loadmat, whosmat
-    except ImportError as missing:
-        raise MissingDependencyError("scipy", "maps") from missing
+    if find_spec("scipy") is None:
+        raise MissingDependencyError("scipy", "maps")
     with refused(LogError, f"recording {path}"):
-        # From memory: asked for a stated length, a stream of bytes gives no more than it holds, a file allocates it.
-        file: Any = io.BytesIO(_inflated(read_bytes(path)))
-        kinds: dict[str, str] = {}
-        for name, shape, kind in whosmat(file):
-            refuse_array(f"table {name}", shape, 8)
-            kinds[name] = kind
-        for name in COLUMNS:
-            if kinds.get(name, "double") not in NUMBERS:
-                raise LogError(f"recording {path}: table {name} holds {kinds[name]}: must hold numbers")
-        file.seek(0)
-        content: dict[str, Any] = loadmat(file, variable_names=list(COLUMNS))
+        content = tables_of(_inflated(read_bytes(path)), list(COLUMNS))
     tables = {}
     for name, width in COLUMNS.items():
         table = content.get(name)
-        if not isinstance(table, np.ndarray) or table.ndim != 2 or table.shape[1] != width or len(table) < 2:
+        if table is None or table.ndim != 2 or table.shape[1] != width or len(table) < 2:
             raise LogError(f"recording {path} has no table {name} of {width} columns: not a Plaza file")
         tables[name] = np.asarray(table, dtype=np.float64)
         if not np.isfinite(tables[name]).all():

@@ -164,18 +164,14 @@ impl<const K: usize> Team<K> {
             drift.sigma_position_m_per_sqrt_s = drift.sigma_position_m_per_sqrt_s.hypot(hidden.sqrt());
         }
         let correlation = self.terrain.chart.as_ref().map_or(0.0, |c| c.correlation_length_m());
+        // Teammates are taken to carry a sounder like the own one.
+        let sigma_sounding_m = self.options.terrain.sigma_depth_m.or(self.state.sigma_sounding_m);
         let model = ReportModel {
             report: &self.scratch.report,
             tol_ns,
             drift: &drift,
             offset_walk_m2: self.options.terrain.sigma_offset_m_per_sounding.powi(2),
-            // Teammates are taken to carry a sounder like the own one.
-            sounding_m2: self
-                .options
-                .terrain
-                .sigma_depth_m
-                .or(self.state.sigma_sounding_m)
-                .map(|s| (s * self.terrain.noise_factor()).powi(2)),
+            sounding_m2: sigma_sounding_m.map(|s| (s * self.terrain.noise_factor()).powi(2)),
             correlation_m: self.options.terrain.correlation_length_m.unwrap_or(correlation),
             range_m2: self.range_m2(),
             clock_m2_per_s: self.options.clock.walk_m2_per_s(),
@@ -330,10 +326,8 @@ impl<const K: usize> Team<K> {
     fn weigh(&mut self, mut column: Vec<f64>) {
         let cloud = &mut self.terrain.state.core.cloud;
         let least = self.options.least_ess_share * cloud.len() as f64;
-        for _ in 0..SOFTENINGS {
-            if least <= 0.0 || cloud.ess_after(&column) >= least {
-                break;
-            }
+        let mut softenings = 0..SOFTENINGS;
+        while least > 0.0 && cloud.ess_after(&column) < least && softenings.next().is_some() {
             column.iter_mut().for_each(|l| *l *= 0.25);
         }
         cloud.reweight(column);
