@@ -7,6 +7,7 @@
 
 mod authenticated;
 mod estimators;
+mod innovations;
 mod mission;
 mod poll;
 mod record;
@@ -18,6 +19,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 pub use estimators::Estimators;
+pub use innovations::{InnovationRecord, OutcomeCounts};
 pub use mission::{Mission, Opportunity};
 pub use poll::Poll;
 pub use record::{CloudRecord, PacketRecord, Record, Tracks};
@@ -167,8 +169,10 @@ impl Replay {
 
     fn event(&mut self) -> Result<(), Error> {
         let event = &self.mission.events[self.cursor.event];
-        self.team.handle(event)?;
-        self.count_unused(event.vehicle, event.payload.kind());
+        let (vehicle, kind) = (event.vehicle, event.payload.kind());
+        let (outcome, seen) = self.team.handle_judged(event)?;
+        self.record.judged(vehicle, kind, outcome, seen);
+        self.count_unused(vehicle, kind);
         self.cursor.event += 1;
         Ok(())
     }
@@ -183,7 +187,8 @@ impl Replay {
         let Some(Reverse(arrival)) = self.cursor.in_flight.pop() else { return Ok(()) };
         let Arrival { t_ns, receiver, sender, tol_ns, toa_ns, record, bytes, .. } = arrival;
         let payload = Payload::Reception { sender, tol_ns, toa_ns, bytes };
-        let outcome = self.team.handle(&Event { t_ns, vehicle: receiver, payload })?;
+        let (outcome, seen) = self.team.handle_judged(&Event { t_ns, vehicle: receiver, payload })?;
+        self.record.judged(receiver, Kind::Reception, outcome, seen);
         self.count_unused(receiver, Kind::Reception);
         if outcome == Outcome::Fused {
             self.record.accepted(record, self.team.information_nat(receiver));

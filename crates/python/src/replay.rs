@@ -1,5 +1,6 @@
 //! A team replaying a mission, without the GIL.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
@@ -8,8 +9,8 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 use rayon::prelude::*;
 use uwcoop_core::error::Error;
-use uwcoop_core::navigator::Navigator as CoreNavigator;
-use uwcoop_core::replay::{Estimators, Replay as CoreReplay, Tracks};
+use uwcoop_core::navigator::{Navigator as CoreNavigator, Outcome};
+use uwcoop_core::replay::{Estimators, InnovationRecord, OutcomeCounts, Replay as CoreReplay, Tracks};
 
 use crate::authentication::Authenticator;
 use crate::central_estimator::CentralEstimator;
@@ -138,6 +139,37 @@ pub fn run_all(py: Python<'_>, replays: Vec<Py<Replay>>, threads: usize) -> PyRe
     })
 }
 
+/// Counts by kind, (vehicle, 4): fused, noted, gated, rejected.
+fn outcomes(py: Python<'_>, by_kind: BTreeMap<String, OutcomeCounts>) -> PyResult<Bound<'_, PyDict>> {
+    let dict = PyDict::new(py);
+    for (kind, counts) in by_kind {
+        let rows = counts.len();
+        let flat: Vec<u64> = counts.into_iter().flatten().collect();
+        dict.set_item(kind, flat.into_pyarray(py).reshape([rows, 4])?)?;
+    }
+    Ok(dict)
+}
+
+/// Innovations in columns; `sender` is -1 for what is no range.
+fn innovations<'py>(py: Python<'py>, records: &[InnovationRecord]) -> PyResult<Bound<'py, PyDict>> {
+    let dict = PyDict::new(py);
+    let integers =
+        |f: fn(&InnovationRecord) -> i64| records.iter().map(f).collect::<Vec<_>>().into_pyarray(py);
+    dict.set_item("t_ns", integers(|r| r.t_ns))?;
+    dict.set_item("vehicle", integers(|r| i64::from(r.vehicle)))?;
+    dict.set_item("kind", records.iter().map(|r| r.kind.name()).collect::<Vec<_>>())?;
+    dict.set_item("sender", integers(|r| r.sender.map_or(-1, i64::from)))?;
+    let fused = records.iter().map(|r| r.outcome == Outcome::Fused).collect::<Vec<_>>();
+    dict.set_item("fused", fused.into_pyarray(py))?;
+    let numbers =
+        |f: fn(&InnovationRecord) -> f64| records.iter().map(f).collect::<Vec<_>>().into_pyarray(py);
+    dict.set_item("innovation_m", numbers(|r| r.innovation_m))?;
+    dict.set_item("sigma_m", numbers(|r| r.sigma_m))?;
+    dict.set_item("squared", numbers(|r| r.squared))?;
+    dict.set_item("jump_m", numbers(|r| r.jump_m))?;
+    Ok(dict)
+}
+
 fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
     let dict = PyDict::new(py);
     let shape = [tracks.vehicles, tracks.t_ns.len()];
@@ -159,6 +191,8 @@ fn to_dict(py: Python<'_>, tracks: Tracks) -> PyResult<Bound<'_, PyDict>> {
     }
     dict.set_item("diagnostics", diagnostics)?;
     dict.set_item("unused", tracks.unused)?;
+    dict.set_item("outcomes", outcomes(py, tracks.outcomes)?)?;
+    dict.set_item("innovations", innovations(py, &tracks.innovations)?)?;
     let column = |f: fn(&uwcoop_core::replay::PacketRecord) -> i64| {
         tracks.packets.iter().map(f).collect::<Vec<_>>().into_pyarray(py)
     };

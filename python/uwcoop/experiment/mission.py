@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from uwcoop import scenario as scenarios
 from uwcoop.errors import LogError, ScenarioError
+from uwcoop.experiment.counterfactual import CHANGEABLE, with_acoustics, with_capacity
 from uwcoop.missionlog import MissionLog
 from uwcoop.missionlog.unknown_covariance import FIX_SIGMA_M, with_stated_fixes
 from uwcoop.missionlog.validate import validate
@@ -38,9 +39,10 @@ def open_mission(
         seed: of the simulation; a log has its own.
         chart: a scenario gets it instead of its own. A log's must be this one; a log without a chart gets it,
             around the log's own origin if it is read from a file.
-        overrides: "dotted.key=value" each. A log has happened: only `navigator.*` can be changed in it, and
-            `chart.*` says how to read the chart file that is given, `recording.*` how to read a recording,
-            `log.fix_sigma_m` what a fix of covariance 0 (unknown) is taken as.
+        overrides: "dotted.key=value" each. A log has happened: `navigator.*` can be changed in it, `chart.*` says how
+            to read the chart file that is given, `recording.*` how to read a recording, `log.fix_sigma_m` what a fix
+            of covariance 0 (unknown) is taken as. `acoustics.loss…`, `acoustics.losses…`, `acoustics.modem…` and
+            `log.capacity_bytes` make a counterfactual of it.
 
     Raises:
         ScenarioError, LogError, ChartError: one line that says what is wrong.
@@ -114,17 +116,23 @@ def _changed(log: MissionLog, chart: Chart | str | Path | None, overrides: Seque
     reading, others = (
         scenarios.split_overrides(others, "chart") if isinstance(chart, str | Path) else ([], others)
     )
+    acoustics, others = scenarios.split_overrides(others, "acoustics")
     if others:
         raise ScenarioError(
             f"override {redact(others[0])!r}: mission {log.name!r} is a log and has happened, "
-            "only navigator.* can be changed"
+            f"only navigator.*, log.* and, as what would have been, {', '.join(CHANGEABLE)} can be changed"
         )
     if chart is not None:
         log = _with_chart(log, chart, reading)
     told = scenarios.table_of(of_log, "log")
-    if unknown := set(told) - {"fix_sigma_m"}:
-        raise ScenarioError(f"override 'log.{min(unknown)}': a log has the option log.fix_sigma_m only")
+    if unknown := set(told) - {"fix_sigma_m", "capacity_bytes"}:
+        raise ScenarioError(
+            f"override 'log.{min(unknown)}': a log has the options log.fix_sigma_m and log.capacity_bytes only"
+        )
     log = with_stated_fixes(log, told.get("fix_sigma_m", FIX_SIGMA_M))
+    log = with_acoustics(log, acoustics)
+    if "capacity_bytes" in told:
+        log = with_capacity(log, told["capacity_bytes"])
     return replace(log, setup=log.setup.with_overrides(options)) if options else log
 
 

@@ -6,7 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +18,13 @@ from uwcoop.acoustics.authentication import authenticator_of
 from uwcoop.charts.native import native_chart
 from uwcoop.errors import LogError
 from uwcoop.evaluation import metrics
-from uwcoop.experiment.mission import has_happened, open_mission
+from uwcoop.evaluation.consistency_without_truth import consistency, disagreement, innovations_of
+from uwcoop.experiment.counterfactual import without_vehicles
+from uwcoop.experiment.held_out import held_out_scores, parse_request, withhold
+from uwcoop.experiment.mission import LOG_SUFFIX, has_happened, open_mission
 from uwcoop.experiment.navigator_choice import check_packets_fit, check_plan_fits, default_navigators
 from uwcoop.experiment.tracks import clouds_of, packets_of, sent_by, tracks_of
-from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog import Columns, MissionLog
 from uwcoop.navigators import Context, Custom, PythonNavigator, build, build_central, options_of, spec_of
 
 if TYPE_CHECKING:
@@ -58,6 +61,13 @@ class RunResult:
     ranging are in them."""
     unused: dict[str, dict[str, int]]
     """By navigator, how many events of each kind the team was handed that the navigator has no use for."""
+    innovations: dict[str, NDArray[Any]]
+    """What navigators expected of soundings, ranges and fixes before they used them, a row each
+    (`evaluation.consistency_without_truth.innovations_of`)."""
+    outcomes: dict[str, dict[str, NDArray[np.int64]]]
+    """By navigator and kind of event, (vehicle, 4): how many were fused, noted, gated, rejected."""
+    held_out: Columns = field(default_factory=dict)
+    """Fixes that the navigators were not given, as the log has them."""
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -67,6 +77,16 @@ class RunResult:
             summary["navigators"][name]["sent"] = sent
             if self.unused[name]:
                 summary["navigators"][name]["unused"] = self.unused[name]
+        parts = {
+            "consistency": consistency(self.tracks, self.innovations, self.outcomes),
+            "disagreement": disagreement(self.tracks) if len(self.sent) > 1 else {},
+            "held_out": held_out_scores(self.tracks, self.held_out) if self.held_out else {},
+        }
+        for part, by_navigator in parts.items():
+            for name, entry in by_navigator.items():
+                summary["navigators"][name][part] = entry
+        if self.log.counterfactual:
+            summary["counterfactual"] = list(self.log.counterfactual)
         return summary
 
 
@@ -77,6 +97,9 @@ def run(
     seed: int | None = None,
     chart: Chart | str | Path | None = None,
     overrides: Sequence[str] = (),
+    without: Sequence[str] = (),
+    hold_out: str | None = None,
+    truth: Sequence[str] = (),
     clouds: bool = True,
     threads: int = 1,
     progress: Callable[[str], None] | None = None,
@@ -89,7 +112,10 @@ def run(
             all for terrain that fit the modem.
         seed: of the simulation and of the navigators; None takes the mission's own.
         chart: the navigators' chart; None takes the mission's. For a log with another chart it is refused.
-        overrides: "dotted.key=value" each: any key of a scenario, `navigator.*` of a log.
+        overrides: "dotted.key=value" each: any key of a scenario; of a log what `open_mission` says.
+        without: vehicles that are left out, as if they had not been there.
+        hold_out: `fix`, `fix:SHARE` or `fix:SHARE@VEHICLE,…`: fixes that navigators are not given and are scored by.
+        truth: sources of a truth in place of the log's own (`experiment.given_truth`).
         clouds: whether to keep particles for pictures.
         threads: navigators that run side by side (0: all cores). The results are the same bits for any number.
         progress: called with a navigator's name when it is done.
@@ -97,7 +123,15 @@ def run(
     Raises:
         ScenarioError, LogError, ChartError, NavigatorError: one line that says what is wrong.
     """
-    log = open_mission(mission, seed, chart, overrides)
+    log = without_vehicles(open_mission(mission, seed, chart, overrides), without)
+    if truth:
+        from uwcoop.experiment.given_truth import with_truth
+
+        is_file = isinstance(mission, str | Path) and Path(mission).suffix == LOG_SUFFIX
+        log = with_truth(log, truth, Path(mission) if is_file else None)
+    held: Columns = {}
+    if hold_out is not None:
+        log, held = withhold(log, parse_request(hold_out))
     chosen = default_navigators(log.setup, len(log.vehicles)) if navigators is None else list(navigators)
     names = [n if isinstance(n, str) else n.name for n in chosen]
     repeated = {n for n in names if names.count(n) > 1}
@@ -109,7 +143,7 @@ def run(
         check_plan_fits(packaged, log)
     filter_seed = log.seed if seed is None else seed
     native = native_mission(log)
-    sample_ns = sample_times_ns(log)
+    sample_ns = sample_times_ns(log, held.get("t_ns"))
     shared = None if log.chart is None else native_chart(log.chart)
     replays = [
         replay_for(log, native, navigator, shared, filter_seed, sample_ns, CLOUD_EVERY if clouds else 0)
@@ -128,6 +162,12 @@ def run(
         seconds=seconds,
         sent={name: sent_by(native, record) for name, record in zip(names, records, strict=True)},
         unused={name: record["unused"] for name, record in zip(names, records, strict=True)},
+        innovations=innovations_of(records),
+        outcomes={
+            name: {kind: counts.astype(np.int64) for kind, counts in record["outcomes"].items()}
+            for name, record in zip(names, records, strict=True)
+        },
+        held_out=held,
     )
 
 
@@ -178,8 +218,8 @@ def native_mission(log: MissionLog) -> _native.Mission:
     )
 
 
-def sample_times_ns(log: MissionLog) -> NDArray[np.int64]:
-    """Instants of the record: 1 Hz from 0 to the end, and every time of arrival.
+def sample_times_ns(log: MissionLog, more_ns: NDArray[np.int64] | None = None) -> NDArray[np.int64]:
+    """Instants of the record: 1 Hz from 0 to the end, every time of arrival, and `more_ns`.
 
     Raises:
         LogError: a duration whose record does not fit into this machine's memory.
@@ -192,7 +232,8 @@ def sample_times_ns(log: MissionLog) -> NDArray[np.int64]:
         )
     grid = np.arange(0, log.duration_ns + 1, 1_000_000_000, dtype=np.int64)
     arrivals = [table["toa_ns"] for table in (log.opportunities, log.receptions) if table]
-    times = np.unique(np.concatenate([grid, *arrivals]).astype(np.int64))
+    further = [] if more_ns is None else [more_ns]
+    times = np.unique(np.concatenate([grid, *arrivals, *further]).astype(np.int64))
     return times[times <= log.duration_ns]
 
 

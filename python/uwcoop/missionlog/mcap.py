@@ -36,8 +36,8 @@ the yaw it was made of, hence Heading and OdometryIncrement; their standard twin
 ignores. Truth goes into `log.truth` and nowhere else. A `ros2 bag play` without an installed uwcoop_msgs
 package skips that package's topics with a warning.
 
-The MCAP metadata record `uwcoop` holds name, seed, duration, vehicles, link, origin, resolved scenario, notes and
-the number of rows of every table (JSON); the attachment `chart` holds the chart, with its SHA-256 in the
+The MCAP metadata record `uwcoop` holds name, seed, duration, vehicles, link, origin, resolved scenario, notes,
+epoch (where it is known) and the number of rows of every table (JSON); the attachment `chart` holds the chart, with its SHA-256 in the
 metadata.
 
 Importers of other logs (a dive computer's CSV, a foreign bag) do not belong here: they build a `MissionLog`
@@ -181,8 +181,9 @@ def _metadata(log: MissionLog) -> dict[str, str]:
         "truth": truth.describe(log),
         "chart": None if log.chart is None else {"name": log.chart.name, "sha256": log.chart.sha256},
     }
-    if log.notes:
-        values["notes"] = log.notes
+    for name in ("notes", "epoch_ns", "counterfactual"):
+        if (value := getattr(log, name)) or value == 0:
+            values[name] = value
     try:
         return {key: json.dumps(value) for key, value in values.items()}
     except (TypeError, ValueError) as error:
@@ -201,7 +202,9 @@ def _assemble(file: container.Contents, chart: Chart | None) -> MissionLog:
             link=Link(**about["link"]),
             origin=Origin(**about["origin"]),
             setup=MissionSetup.parse(about["scenario"]),
-            notes=_notes(about.get("notes", [])),
+            notes=_texts(about, "notes"),
+            epoch_ns=_epoch(about.get("epoch_ns")),
+            counterfactual=_texts(about, "counterfactual"),
         )
         _check_types(file, names)
         if "slots" in rows:
@@ -247,10 +250,17 @@ def _about(file: container.Contents) -> dict[str, Any]:
     return about
 
 
-def _notes(value: Any) -> tuple[str, ...]:
-    if not isinstance(value, list) or not all(isinstance(note, str) for note in value):
-        raise LogError(f"metadata notes is {value!r:.60}, it must be a list of texts")
+def _texts(about: dict[str, Any], name: str) -> tuple[str, ...]:
+    value = about.get(name, [])
+    if not isinstance(value, list) or not all(isinstance(text, str) for text in value):
+        raise LogError(f"metadata {name} is {value!r:.60}, it must be a list of texts")
     return tuple(value)
+
+
+def _epoch(value: Any) -> int | None:
+    if value is not None and (isinstance(value, bool) or not isinstance(value, int)):
+        raise LogError(f"metadata epoch_ns is {value!r:.60}, it must be a whole number of nanoseconds")
+    return value
 
 
 def _check_types(file: container.Contents, names: list[str]) -> None:

@@ -132,6 +132,10 @@ class MissionLog:
     """dims (vehicle, time, axis): `position_m`, `depth_m`, `yaw_rad`, `current_mps`; `time` float64 s."""
     notes: tuple[str, ...] = ()
     """What was assumed, dropped or converted while the log was made, one sentence each."""
+    epoch_ns: int | None = None
+    """UTC of the mission's time 0, nanoseconds since 1970; None: not known, as of a simulation."""
+    counterfactual: tuple[str, ...] = ()
+    """In what this mission is not as it happened: "without V2", "acoustics.loss.probability=0.4"."""
     team_key: bytes | None = field(default=None, repr=False, compare=False)
     """Key of the packets' tags, in memory only: no file holds it."""
 
@@ -156,6 +160,8 @@ class MissionLog:
             "origin",
             "setup",
             "notes",
+            "epoch_ns",
+            "counterfactual",
             "payloads",
         ):
             mine, theirs = getattr(self, name), getattr(other, name)

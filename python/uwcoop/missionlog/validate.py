@@ -25,6 +25,7 @@ from uwcoop.missionlog.table_checks import CheckedTable, seconds_text
 from uwcoop.missionlog.truth import DIMENSIONS, truth_time_ns
 
 _LONGEST_NS = (2**31 - 1) * 1_000_000_000  # seconds of a ROS 2 stamp are int32
+_LAST_EPOCH_NS = 7_258_118_400 * 1_000_000_000
 _COVARIANCES = {
     "fix": (("cov_ee_m2", "cov_en_m2"), ("cov_en_m2", "cov_nn_m2")),
     "odometry": (
@@ -62,6 +63,8 @@ def _team(log: MissionLog) -> None:
     for field, kind in (("name", str), ("seed", int), ("duration_ns", int)):
         if not isinstance(getattr(log, field), kind):
             raise LogError(f"{field} {getattr(log, field)!r} must be {kind.__name__}")
+    if log.epoch_ns is not None and not (isinstance(log.epoch_ns, int) and 0 <= log.epoch_ns < _LAST_EPOCH_NS):
+        raise LogError(f"epoch_ns {log.epoch_ns!r} must be within 0 to {_LAST_EPOCH_NS} (the year 2200)")
     if not log.vehicles:
         raise LogError("the team has 0 vehicles: it needs at least 1")
     for name in log.vehicles:

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::snapshot::{load, save};
-use super::{Estimate, Navigator, Outcome, Particles, Profile};
+use super::{Estimate, Innovation, Navigator, Outcome, Particles, Profile};
 use crate::error::Error;
 use crate::event::{Event, Payload, VehicleId};
 use crate::link::{Authenticator, FailedTags, ReplayGuard};
@@ -175,6 +175,10 @@ impl<N: Navigator> Navigator for Authenticated<N> {
         self.inner.information_nat()
     }
 
+    fn innovation(&self) -> Option<Innovation> {
+        self.inner.innovation()
+    }
+
     fn particles(&self) -> Option<Particles> {
         self.inner.particles()
     }
@@ -212,6 +216,10 @@ impl Navigator for Box<dyn Navigator> {
 
     fn information_nat(&self) -> f64 {
         self.as_ref().information_nat()
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.as_ref().innovation()
     }
 
     fn particles(&self) -> Option<Particles> {

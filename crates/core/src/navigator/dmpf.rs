@@ -17,7 +17,9 @@ use super::radio::Radio;
 use super::range::RangeOptions;
 use super::settings::{DmpfSettings, Settings, check_all};
 use super::snapshot::{load, save};
-use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
+use super::{
+    Estimate, Innovation, Kinds, LastInnovation, Navigator, Outcome, Particles, Profile, check_event,
+};
 use crate::chart::Chart;
 use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId};
@@ -279,6 +281,7 @@ impl Navigator for Dmpf {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.state.core.now_ns())?;
         self.state.radio.check_sender(&event.payload)?;
+        self.state.core.innovation = LastInnovation::default();
         self.state.core.advance(event.t_ns);
         let rejected_before = self.state.core.rejected;
         let outcome = self.fuse_event(event);
@@ -338,5 +341,9 @@ impl Navigator for Dmpf {
 
     fn information_nat(&self) -> f64 {
         self.state.core.information_nat
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.state.core.innovation.0
     }
 }

@@ -6,6 +6,7 @@ pub mod dead_reckoning;
 pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
+pub mod innovation;
 pub mod landmark;
 pub mod last_heard;
 pub mod mpf;
@@ -26,6 +27,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+pub use innovation::{Innovation, LastInnovation};
 pub use profile::{Kinds, Profile};
 
 use crate::error::Error;
@@ -126,6 +128,12 @@ pub trait Navigator: Send {
         f64::NAN
     }
 
+    /// How the sounding or the range that was handled last fitted the belief before it was used; `None` where it was not
+    /// compared with it.
+    fn innovation(&self) -> Option<Innovation> {
+        None
+    }
+
     /// Particles for pictures.
     fn particles(&self) -> Option<Particles> {
         None
@@ -160,6 +168,11 @@ pub trait CentralEstimator: Send {
 
     /// Bytes of the packet that a slot is assumed to carry, for loss and air time.
     fn assumed_packet_bytes(&self) -> usize;
+
+    /// As [`Navigator::innovation`], of whichever vehicle's event was handled last.
+    fn innovation(&self) -> Option<Innovation> {
+        None
+    }
 
     /// As [`Navigator::diagnostics`], about one vehicle.
     fn diagnostics(&self, _vehicle: VehicleId) -> Vec<(&'static str, f64)> {

@@ -12,7 +12,9 @@ use super::range::{RangeMethod, RangeOptions};
 use super::range_novelty;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
+use super::{
+    Estimate, Innovation, Kinds, LastInnovation, Navigator, Outcome, Particles, Profile, check_event,
+};
 use crate::chart::Chart;
 use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
@@ -156,6 +158,7 @@ impl<const K: usize> Navigator for Mpf<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.link.radio.check_sender(&event.payload)?;
+        self.terrain.state.core.innovation = LastInnovation::default();
         self.terrain.advance(event.t_ns);
         let rejected_before = self.terrain.state.core.rejected;
         let outcome = self.fuse_event(event);
@@ -210,5 +213,9 @@ impl<const K: usize> Navigator for Mpf<K> {
 
     fn information_nat(&self) -> f64 {
         self.terrain.state.core.information_nat
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.terrain.state.core.innovation.0
     }
 }

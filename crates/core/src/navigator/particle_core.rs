@@ -9,7 +9,7 @@ use super::range_novelty::Growth;
 use super::settings::check_all;
 use super::settings::terrain::PARTICLES;
 use super::trajectory::Trajectory;
-use super::{Estimate, Outcome, Particles, Status};
+use super::{Estimate, LastInnovation, Outcome, Particles, Status};
 use crate::cloud::Cloud;
 use crate::error::Error;
 use crate::event::seconds;
@@ -36,7 +36,10 @@ pub struct ParticleCore<const K: usize> {
     pub rejected: u64,
     /// What the last fused range told, nat; NaN where not asked for.
     pub information_nat: f64,
-    /// The same by kind of event.
+    /// Of the event that is being handled.
+    #[serde(skip)]
+    pub innovation: LastInnovation,
+    /// What was gated or rejected, by kind of event.
     pub gated: GatedCounts,
     /// How often fixes that insisted scattered the cloud anew.
     pub restarts: u32,
@@ -64,6 +67,7 @@ impl<const K: usize> ParticleCore<K> {
             trajectory: None,
             status: Status::NotStarted,
             rejected: 0,
+            innovation: LastInnovation::default(),
             gated: GatedCounts::default(),
             information_nat: f64::NAN,
             restarts: 0,
@@ -76,9 +80,9 @@ impl<const K: usize> ParticleCore<K> {
 
     /// Becomes a copy of `other` of the same size, but draws on from where both have not drawn yet.
     pub fn become_core(&mut self, other: &Self) {
-        let step = self.step.max(other.step);
+        let (step, innovation) = (self.step.max(other.step), self.innovation);
         self.clone_from(other);
-        self.step = step;
+        (self.step, self.innovation) = (step, innovation);
     }
 
     /// Refuses a snapshot of another number of particles, or whose columns differ in length.

@@ -13,7 +13,7 @@ use crate::kernels::likelihood::{
     RangeBelief, add_range_gaussian, add_range_late, misfit_to_log_likelihood, range_eq17,
 };
 use crate::kernels::weights::{kernel_entropy, moments};
-use crate::measurement::range::{CloudInnovation, LateArrivals};
+use crate::measurement::range::CloudInnovation;
 use crate::packet::Belief;
 use crate::random::Purpose;
 
@@ -133,7 +133,9 @@ impl<const K: usize> ParticleCore<K> {
         };
         let belief = heard.belief.summary(heard.range_m, moved, options.sigma_m);
         let late = options.clock.late();
-        if options.gate_sigmas.is_finite() && self.contradicts(&belief, options.gate_sigmas, late.as_ref()) {
+        let seen = self.seen(&belief);
+        self.innovation.0 = Some(seen.into());
+        if options.gate_sigmas.is_finite() && seen.contradicts(options.gate_sigmas, late.as_ref()) {
             self.rejected += 1;
             return Outcome::Gated;
         }
@@ -204,13 +206,13 @@ impl<const K: usize> ParticleCore<K> {
         kernel_entropy(self.cloud.weights(), &self.cloud.east, &self.cloud.north, sigma_m)
     }
 
-    /// True if the mean innovation is too far from zero for what the cloud and the belief admit.
-    fn contradicts(&self, belief: &RangeBelief, gate_sigmas: f64, late: Option<&LateArrivals>) -> bool {
+    /// The range against what the cloud and the belief admit.
+    fn seen(&self, belief: &RangeBelief) -> CloudInnovation {
         let places = self.cloud.east.iter().zip(&self.cloud.north);
         let particles = self.cloud.weights().iter().zip(places).map(|(w, (e, n))| {
             let (innovation, variance) = belief.innovation(*e, *n);
             (*w, innovation, variance)
         });
-        CloudInnovation::of(particles).contradicts(gate_sigmas, late)
+        CloudInnovation::of(particles)
     }
 }

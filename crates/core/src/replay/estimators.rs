@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::error::Error;
 use crate::event::{Event, VehicleId};
 use crate::link::Slot;
-use crate::navigator::{CentralEstimator, Estimate, Navigator, Outcome, Particles, Profile};
+use crate::navigator::{CentralEstimator, Estimate, Innovation, Navigator, Outcome, Particles, Profile};
 
 /// Who estimates.
 pub enum Estimators {
@@ -102,6 +102,15 @@ impl Estimators {
         match self {
             Self::Each(navigators) => navigators.get(usize::from(vehicle)).map(|n| n.profile()),
             Self::Central(team) => Some(team.profile()),
+        }
+    }
+
+    /// How the event that was handled last fitted, as far as its navigator says.
+    #[must_use]
+    pub fn innovation(&self, vehicle: VehicleId) -> Option<Innovation> {
+        match self {
+            Self::Each(navigators) => navigators.get(usize::from(vehicle))?.innovation(),
+            Self::Central(team) => team.innovation(),
         }
     }
 

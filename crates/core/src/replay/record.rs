@@ -5,9 +5,10 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::innovations::{InnovationRecord, OutcomeCounts, place_of};
 use super::{Estimators, Poll};
 use crate::event::{Kind, VehicleId};
-use crate::navigator::{Estimate, Status};
+use crate::navigator::{Estimate, Outcome, Status};
 
 /// One packet at one receiver.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -75,6 +76,10 @@ pub struct Tracks {
     /// Events by the name of their kind that no estimate or packet can depend on: its navigator does not use the kind
     /// ([`Profile::uses`](crate::navigator::Profile)).
     pub unused: BTreeMap<String, u64>,
+    /// What became of the events, by the name of their kind.
+    pub outcomes: BTreeMap<String, OutcomeCounts>,
+    /// How soundings, ranges and fixes fitted the beliefs before they were used.
+    pub innovations: Vec<InnovationRecord>,
     /// (vehicle, TOL, bytes) of every packet sent; an answer to a poll with what it carries beside the packet.
     pub sent: Vec<(VehicleId, i64, u32)>,
     /// Every poll of two-way ranging, heard or not.
@@ -206,6 +211,25 @@ impl Record {
         if let Some(count) = self.tracks.unused.get_mut(kind.name()) {
             *count = count.saturating_add(1);
         }
+    }
+
+    /// Counts what became of an event, and writes down how it fitted.
+    pub fn judged(
+        &mut self,
+        vehicle: VehicleId,
+        kind: Kind,
+        outcome: Outcome,
+        seen: Option<InnovationRecord>,
+    ) {
+        let vehicles = self.tracks.vehicles;
+        if !self.tracks.outcomes.contains_key(kind.name()) {
+            self.tracks.outcomes.insert(kind.name().to_owned(), vec![[0; 4]; vehicles]);
+        }
+        let counts = self.tracks.outcomes.get_mut(kind.name()).and_then(|v| v.get_mut(usize::from(vehicle)));
+        if let Some(counts) = counts {
+            counts[place_of(outcome)] = counts[place_of(outcome)].saturating_add(1);
+        }
+        self.tracks.innovations.extend(seen);
     }
 
     /// Writes down that a slot was polled.

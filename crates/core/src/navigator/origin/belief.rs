@@ -20,7 +20,7 @@ use crate::information::{Gaussian, Joint, NODE, NodeMatrix, NodeVector};
 use crate::navigator::radio::{BroadcastBelief, HeardBelief, Radio};
 use crate::navigator::settings::{BeliefSettings, Settings, check_all};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Profile};
+use crate::navigator::{Estimate, Innovation, LastInnovation, Navigator, Outcome, Profile};
 use crate::packet::{Belief, PacketKind};
 
 /// Assumption on the correlation between a teammate's belief and the own one.
@@ -59,6 +59,7 @@ pub struct BeliefNavigator {
     options: BeliefOptions,
     sound_speed_mps: f64,
     core: ExchangeState,
+    innovation: LastInnovation,
 }
 
 #[derive(Clone, Serialize, Deserialize)]
@@ -94,7 +95,7 @@ impl BeliefNavigator {
             last_ns: None,
             kept_share: f64::NAN,
         };
-        Ok(Self { own, options, sound_speed_mps, core })
+        Ok(Self { own, options, sound_speed_mps, core, innovation: LastInnovation::default() })
     }
 
     fn hear(&mut self, sender: VehicleId, tol_ns: i64, toa_ns: i64, bytes: &[u8]) -> Outcome {
@@ -135,7 +136,8 @@ impl BeliefNavigator {
         }
         let mut joint = Joint::new();
         let (own, sender) = (joint.push(&own), joint.push(&sender));
-        let outcome = range.fuse(&mut joint, sender, own, self.options.local.gate_sigmas);
+        let gate = self.options.local.gate_sigmas;
+        let outcome = range.fuse_seen(&mut joint, sender, own, gate, &mut self.innovation);
         if outcome == Outcome::Fused {
             let now = self.core.graph.coast(ALONE, late_s).applied(&joint.marginal(own));
             if !now.is_sound() {
@@ -201,6 +203,7 @@ impl Navigator for BeliefNavigator {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_local_event(event, self.own, self.core.last_ns)?;
         self.core.radio.check_sender(&event.payload)?;
+        self.innovation = LastInnovation::default();
         self.core.last_ns = Some(event.t_ns);
         Ok(match &event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
@@ -240,6 +243,10 @@ impl Navigator for BeliefNavigator {
             Correlation::Ignored => Vec::new(),
             Correlation::Unknown => vec![("kept_share", self.core.kept_share)],
         }
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.innovation.0
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {

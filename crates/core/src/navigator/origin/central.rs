@@ -11,7 +11,7 @@ use super::sensors::{LOCAL_SENSORS, check_local_event};
 use crate::error::{Error, positive};
 use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{CentralEstimator, Estimate, Outcome, Profile};
+use crate::navigator::{CentralEstimator, Estimate, Innovation, LastInnovation, Outcome, Profile};
 
 /// What centralised references are configured with.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -144,6 +144,7 @@ impl CentralEstimator for Cekf {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;
         self.core.last_ns[own] = Some(event.t_ns);
+        self.core.graph.innovation = LastInnovation::default();
         Ok(match event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, .. } => self.hear(sender, own, tol_ns, toa_ns),
             _ => self.core.graph.sense(own, event.t_ns, &event.payload),
@@ -173,6 +174,10 @@ impl CentralEstimator for Cekf {
         vec![("graph_nodes", self.core.graph.nodes() as f64)]
     }
 
+    fn innovation(&self) -> Option<Innovation> {
+        self.core.graph.innovation.0
+    }
+
     fn snapshot(&self) -> Result<Vec<u8>, Error> {
         save(&self.core)
     }
@@ -188,6 +193,8 @@ impl CentralEstimator for Cekf {
 pub struct Received {
     options: CentralOptions,
     core: ReceivedCore,
+    /// Whose event was handled last.
+    last_own: usize,
 }
 
 #[derive(Clone, Serialize, Deserialize)]
@@ -223,7 +230,7 @@ impl Received {
             started: vec![false; vehicles],
             used: Used::default(),
         };
-        Ok(Self { options, core })
+        Ok(Self { options, core, last_own: 0 })
     }
 
     fn sense(&mut self, own: usize, t_ns: i64, payload: &Payload) -> Outcome {
@@ -287,6 +294,8 @@ impl CentralEstimator for Received {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;
         self.core.last_ns[own] = Some(event.t_ns);
+        self.last_own = own;
+        self.core.graphs[own].innovation = LastInnovation::default();
         Ok(match event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, .. } => self.hear(sender, own, tol_ns, toa_ns),
             _ => self.sense(own, event.t_ns, &event.payload),
@@ -314,6 +323,10 @@ impl CentralEstimator for Received {
 
     fn diagnostics(&self, vehicle: VehicleId) -> Vec<(&'static str, f64)> {
         vec![("graph_nodes", self.core.graphs[usize::from(vehicle)].nodes() as f64)]
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.core.graphs[self.last_own].innovation.0
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {

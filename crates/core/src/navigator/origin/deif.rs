@@ -19,7 +19,7 @@ use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::information::{Gaussian, GraphStep, NODE};
 use crate::link::ReceiveWindow;
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Profile};
+use crate::navigator::{Estimate, Innovation, LastInnovation, Navigator, Outcome, Profile};
 use crate::packet::PacketError;
 use crate::packet::graph::DeltaMessage;
 
@@ -254,6 +254,7 @@ impl Deif {
 impl Navigator for Deif {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_local_event(event, self.own, self.core.server.filter.now_ns)?;
+        self.core.joint_filter.innovation = LastInnovation::default();
         match &event.payload {
             Payload::Reception { sender, .. } if *sender == self.own => {
                 Err(Error::WrongVehicle { event: *sender, own: self.own })
@@ -311,6 +312,10 @@ impl Navigator for Deif {
     fn estimate(&self, t_ns: i64) -> Estimate {
         let node = self.core.joint_filter.own_at(t_ns, self.process_noise());
         estimate(node.as_ref(), t_ns, self.core.rejected + self.core.server.filter.rejected)
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.core.joint_filter.innovation.0
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {

@@ -9,7 +9,7 @@ use super::range::Range;
 use super::sensors::{FixGate, Half, Linear, SensorReading, Sensors};
 use crate::event::{Payload, VehicleId, seconds};
 use crate::information::{Gaussian, Joint, NODE};
-use crate::navigator::{Estimate, Outcome};
+use crate::navigator::{Estimate, LastInnovation, Outcome};
 use crate::packet::Header;
 
 /// What a node of the graph is.
@@ -63,6 +63,9 @@ pub struct Graph {
     members: Vec<Member>,
     nodes: Vec<Node>,
     joint: Joint,
+    /// Of the event that is being handled.
+    #[serde(skip)]
+    pub innovation: LastInnovation,
 }
 
 impl Graph {
@@ -70,7 +73,8 @@ impl Graph {
     #[must_use]
     pub fn new(vehicles: usize, options: LocalOptions) -> Self {
         let members = (0..vehicles).map(|_| Member::default()).collect();
-        Self { options, members, nodes: Vec::new(), joint: Joint::new() }
+        let innovation = LastInnovation::default();
+        Self { options, members, nodes: Vec::new(), joint: Joint::new(), innovation }
     }
 
     /// Where a node stands in the joint.
@@ -246,7 +250,13 @@ impl Graph {
         let outcome = match (range, self.find(Node::Current(receiver as VehicleId))) {
             (Some(range), Some(node)) => {
                 self.shift(receiver, node, -late_s);
-                let outcome = range.fuse(&mut self.joint, sender, node, self.options.gate_sigmas);
+                let outcome = range.fuse_seen(
+                    &mut self.joint,
+                    sender,
+                    node,
+                    self.options.gate_sigmas,
+                    &mut self.innovation,
+                );
                 self.shift(receiver, node, late_s);
                 outcome
             }

@@ -20,7 +20,7 @@ use crate::error::Error;
 use crate::event::{Event, Payload};
 use crate::kernels::math::{exp, ln};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Profile, Status};
+use crate::navigator::{Estimate, Innovation, Navigator, Outcome, Profile, Status};
 
 /// Headings that are known better than this, rad, need no hypotheses: 20°.
 const KNOWN_RAD: f64 = 0.35;
@@ -240,6 +240,10 @@ impl Navigator for HeadingBank {
 
     fn profile(&self) -> Profile {
         self.bank[0].navigator.profile()
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.best().navigator.innovation()
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

@@ -10,7 +10,7 @@ use super::range::Range;
 use crate::error::Error;
 use crate::event::{VehicleId, seconds};
 use crate::information::{Gaussian, GraphStep, Joint, NODE, NodeVector, process};
-use crate::navigator::Outcome;
+use crate::navigator::{LastInnovation, Outcome};
 
 /// How far back an arrival may lie, ns: the longest air time of a packet, with room.
 const MEMORY_NS: i64 = 30_000_000_000;
@@ -70,6 +70,9 @@ pub struct JointFilter {
     copies: VecDeque<Moment>,
     /// Changes since the oldest copy, with their times and the process noise that led to them.
     changes: VecDeque<(i64, f64, Change)>,
+    /// Of the event that is being handled.
+    #[serde(skip)]
+    pub innovation: LastInnovation,
 }
 
 impl Moment {
@@ -83,8 +86,15 @@ impl Moment {
         self.t_ns = self.t_ns.max(t_ns);
     }
 
-    /// Applies a change at its time; ranges beyond `gate_sigmas` are gated, and then nothing has changed.
-    fn apply(&mut self, change: &Change, options: &LocalOptions, gate_sigmas: f64) -> Result<Outcome, Error> {
+    /// Applies a change at its time; ranges beyond `gate_sigmas` are gated, and then nothing has changed. `last` takes how
+    /// a range fitted.
+    fn apply(
+        &mut self,
+        change: &Change,
+        options: &LocalOptions,
+        gate_sigmas: f64,
+        last: &mut LastInnovation,
+    ) -> Result<Outcome, Error> {
         match change {
             Change::Own(local::Change::Start(linear)) => {
                 self.own = Some(self.joint.push(&start(linear, options)))
@@ -104,7 +114,7 @@ impl Moment {
                 self.joint.propagate(own, &step.transition, &step.offset, &step.noise);
             }
             Change::Heard(heard) => {
-                return self.hear(heard.peer, &heard.update, heard.range.as_ref(), gate_sigmas);
+                return self.hear(heard, gate_sigmas, last);
             }
         }
         Ok(Outcome::Fused)
@@ -112,15 +122,15 @@ impl Moment {
 
     fn hear(
         &mut self,
-        peer: VehicleId,
-        update: &PeerUpdate,
-        range: Option<&Range>,
+        heard: &HeardPacket,
         gate_sigmas: f64,
+        last: &mut LastInnovation,
     ) -> Result<Outcome, Error> {
+        let HeardPacket { peer, update, range } = heard;
         let mut joint = self.joint.clone();
         let count = self.peers.len();
         let slot =
-            self.peers.get_mut(usize::from(peer)).ok_or(Error::UnknownVehicle { vehicle: peer, count })?;
+            self.peers.get_mut(usize::from(*peer)).ok_or(Error::UnknownVehicle { vehicle: *peer, count })?;
         let node = match (update, *slot) {
             (PeerUpdate::Step(step), Some(node)) => {
                 step.apply_to(&mut joint, node)?;
@@ -135,7 +145,7 @@ impl Moment {
             return Err(Error::NotPositiveDefinite { quantity: "a peer's node" });
         }
         if let (Some(range), Some(own)) = (range, self.own) {
-            let outcome = range.fuse(&mut joint, node, own, gate_sigmas);
+            let outcome = range.fuse_seen(&mut joint, node, own, gate_sigmas, last);
             if outcome != Outcome::Fused {
                 return Ok(outcome);
             }
@@ -157,7 +167,8 @@ impl JointFilter {
             moves: false,
             peers: vec![None; vehicles],
         };
-        Self { options, now, copies: VecDeque::new(), changes: VecDeque::new() }
+        let innovation = LastInnovation::default();
+        Self { options, now, copies: VecDeque::new(), changes: VecDeque::new(), innovation }
     }
 
     /// Repeats what the local filter fused at `t_ns`.
@@ -170,7 +181,7 @@ impl JointFilter {
         let mut next = self.now.clone();
         next.advance(t_ns, q);
         let copy = next.clone();
-        next.apply(&change, &self.options, f64::INFINITY)?;
+        next.apply(&change, &self.options, f64::INFINITY, &mut LastInnovation::default())?;
         self.remember(copy, t_ns, q, change);
         self.now = next;
         Ok(())
@@ -214,7 +225,7 @@ impl JointFilter {
             let mut next = self.now.clone();
             next.advance(toa_ns, q_m2_per_s3);
             let copy = next.clone();
-            let outcome = next.apply(&change, &self.options, gate)?;
+            let outcome = next.apply(&change, &self.options, gate, &mut self.innovation)?;
             if outcome == Outcome::Fused {
                 self.remember(copy, toa_ns, q_m2_per_s3, change);
                 self.now = next;
@@ -242,7 +253,12 @@ impl JointFilter {
             moment.advance(t_ns, q);
             let before = moment.clone();
             let gate = if index == at { self.options.gate_sigmas } else { f64::INFINITY };
-            let outcome = moment.apply(&change, &self.options, gate)?;
+            let mut last = LastInnovation::default();
+            let outcome = moment.apply(&change, &self.options, gate, &mut last)?;
+            if index == at {
+                self.innovation = last;
+                rebuilt.innovation = last;
+            }
             if index == at && outcome != Outcome::Fused {
                 return Ok(outcome);
             }

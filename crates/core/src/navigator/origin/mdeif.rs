@@ -24,7 +24,7 @@ use crate::information::graph_packet::GraphPacket;
 use crate::information::replica::{JoinPlan, Method, Replica};
 use crate::link::{AckBitmap, Admission, ReceiveWindow};
 use crate::navigator::snapshot::{load, save};
-use crate::navigator::{Estimate, Navigator, Outcome, Profile};
+use crate::navigator::{Estimate, Innovation, LastInnovation, Navigator, Outcome, Profile};
 use crate::packet::graph::rounded::rounded_lags;
 use crate::packet::graph::{GraphForm, GraphLink, GraphMessage};
 
@@ -248,6 +248,7 @@ impl Mdeif {
 impl Navigator for Mdeif {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_local_event(event, self.own, self.core.server.filter.now_ns)?;
+        self.core.joint_filter.innovation = LastInnovation::default();
         self.check_sender(&event.payload)?;
         if let Payload::Reception { sender, tol_ns, toa_ns, bytes } = &event.payload {
             let outcome = self.receive(*sender, *tol_ns, *toa_ns, bytes)?;
@@ -306,6 +307,10 @@ impl Navigator for Mdeif {
     fn estimate(&self, t_ns: i64) -> Estimate {
         let node = self.core.joint_filter.own_at(t_ns, self.process_noise());
         estimate(node.as_ref(), t_ns, self.core.rejected + self.core.server.filter.rejected)
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.core.joint_filter.innovation.0
     }
 
     fn snapshot(&self) -> Result<Vec<u8>, Error> {

@@ -9,8 +9,8 @@ use crate::event::seconds;
 use crate::information::{Innovation, Joint, NODE, Term};
 use crate::link::{depth_rounding_m2, range_m, slant_to_horizontal};
 use crate::measurement::range::LateArrivals;
-use crate::navigator::Outcome;
 use crate::navigator::radio::SLANT_GATES;
+use crate::navigator::{Innovation as RangeInnovation, LastInnovation, Outcome};
 
 /// A range that is this likely by a longer way is left out.
 const LATE_LEFT_OUT: f64 = 0.99;
@@ -118,6 +118,18 @@ impl Range {
     /// nothing changed) when it contradicts the joint by more than `gate_sigmas`, comes by a longer way for all that is
     /// known, or the means coincide. One that may be late counts by how likely it is not (an update with R/γ).
     pub fn fuse(&self, joint: &mut Joint, sender: usize, receiver: usize, gate_sigmas: f64) -> Outcome {
+        self.fuse_seen(joint, sender, receiver, gate_sigmas, &mut LastInnovation::default())
+    }
+
+    /// As [`Range::fuse`]; `last` takes how the range fitted the joint before.
+    pub fn fuse_seen(
+        &self,
+        joint: &mut Joint,
+        sender: usize,
+        receiver: usize,
+        gate_sigmas: f64,
+        last: &mut LastInnovation,
+    ) -> Outcome {
         let between = (joint.node_mean(receiver) - joint.node_mean(sender)).fixed_rows::<2>(0).into_owned();
         let distance_m = between.norm();
         if distance_m <= f64::MIN_POSITIVE {
@@ -130,11 +142,11 @@ impl Range {
         let innovation = |joint: &Joint, variance_m2: f64| -> Option<Innovation<1>> {
             joint.innovation(&terms, &value, &predicted, &SMatrix::<f64, 1, 1>::new(variance_m2))
         };
-        let Some(seen) = innovation(joint, self.sigma_m * self.sigma_m)
-            .filter(|seen| seen.squared <= gate_sigmas * gate_sigmas)
-        else {
+        let Some(seen) = innovation(joint, self.sigma_m * self.sigma_m) else { return Outcome::Gated };
+        last.0 = Some(RangeInnovation { value_m: seen.off[0], variance_m2: seen.covariance[(0, 0)] });
+        if seen.squared > gate_sigmas * gate_sigmas {
             return Outcome::Gated;
-        };
+        }
         let late_share =
             self.late.map_or(0.0, |late| late.likelihood(seen.off[0], seen.covariance[(0, 0)]).late_share);
         if late_share > LATE_LEFT_OUT {

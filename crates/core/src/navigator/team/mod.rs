@@ -29,7 +29,9 @@ use super::diagnostics::teammates;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
-use super::{Estimate, Kinds, Navigator, Outcome, Particles, Profile, check_event};
+use super::{
+    Estimate, Innovation, Kinds, LastInnovation, Navigator, Outcome, Particles, Profile, check_event,
+};
 use crate::chart::Chart;
 use crate::error::{Error, non_negative};
 use crate::event::{Event, Kind, Payload, VehicleId, seconds};
@@ -204,6 +206,7 @@ impl<const K: usize> Navigator for Team<K> {
             lone.handle(event);
         }
         self.state.outgoing.advance(event.t_ns, self.terrain.state.core.velocity_mps);
+        self.terrain.state.core.innovation = LastInnovation::default();
         self.advance(event.t_ns);
         let rejected_before = self.terrain.state.core.rejected;
         let outcome = self.fuse_event(event);
@@ -290,5 +293,9 @@ impl<const K: usize> Navigator for Team<K> {
 
     fn information_nat(&self) -> f64 {
         self.terrain.state.core.information_nat
+    }
+
+    fn innovation(&self) -> Option<Innovation> {
+        self.terrain.state.core.innovation.0
     }
 }

@@ -242,6 +242,7 @@ impl<const K: usize> Team<K> {
                 let seen = CloudInnovation::of(particles);
                 let own = matches!(op, Op::RangeToOwn { own: 1, .. });
                 if own {
+                    self.terrain.state.core.innovation.0 = Some(seen.into());
                     record.judged(&seen, late.as_ref(), told_m2, used_m2);
                 }
                 seen.contradicts(self.options.range_gate_sigmas, late.as_ref()).then_some((place, own))

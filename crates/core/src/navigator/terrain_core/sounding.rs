@@ -8,7 +8,7 @@ use crate::kernels::lookup::bilinear;
 use crate::kernels::pattern::{Pattern, pattern_depths};
 use crate::kernels::weights::{known_share, weighted_covariance, weighted_mean};
 use crate::measurement::sounding::{LEAST_SIGMA_M, sharing_error};
-use crate::navigator::Outcome;
+use crate::navigator::{Innovation, Outcome};
 
 /// A sounding that would leave too few particles is weighed again with twice the sigma, at most so many times.
 pub(super) const SOFTENINGS: usize = 6;
@@ -34,6 +34,14 @@ pub(super) struct SoundingFit {
     pub variance_m2: f64,
     /// Its square over its variance; 0 where no particle has a chart.
     pub statistic: f64,
+}
+
+impl SoundingFit {
+    /// `None` where no particle has a chart.
+    fn innovation(&self) -> Option<Innovation> {
+        let (value_m, variance_m2) = (self.innovation_m, self.variance_m2);
+        (value_m.is_finite() && variance_m2 > 0.0).then_some(Innovation { value_m, variance_m2 })
+    }
 }
 
 /// What the chart is under the particles and around them, in the mean over those that have one.
@@ -99,7 +107,8 @@ impl<const K: usize> TerrainCore<K> {
         for _ in 0..=SOFTENINGS {
             scratch.weigh(&model, &core.cloud, water_depth_m, q, &mut column);
             // The fit is judged before anything is softened.
-            fit.get_or_insert_with(|| scratch.fit(&column, core.cloud.weights()));
+            let fit = fit.get_or_insert_with(|| scratch.fit(&column, core.cloud.weights()));
+            core.innovation.0 = fit.innovation();
             if !core.fill_holes(&mut column) {
                 core.cloud.put_back(column);
                 core.rejected += 1;
