@@ -14,11 +14,14 @@ from uwcoop.cli.options import (
     ChartFileOption,
     FiguresOption,
     FolderOption,
+    HoldOutOption,
     JsonOption,
     NavigatorsOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
+    TruthOption,
+    WithoutOption,
 )
 from uwcoop.cli.reproduce_command import reproduce
 from uwcoop.cli.scenario_commands import budget, keys, scenarios
@@ -168,6 +171,9 @@ def run(
             min=0, max=256, metavar="N", help="Navigators side by side, 0: all cores. Same results for any."
         ),
     ] = 1,
+    without: WithoutOption = None,
+    hold_out: HoldOutOption = None,
+    truth: TruthOption = None,
     figures: FiguresOption = False,
 ) -> None:
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
@@ -187,6 +193,9 @@ def run(
             seed=seed,
             chart=chart,
             overrides=settings or (),
+            without=without or (),
+            hold_out=hold_out,
+            truth=truth or (),
             clouds=output is not None,
             threads=threads,
             progress=lambda name: step(f"replayed {name}"),

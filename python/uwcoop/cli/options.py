@@ -60,3 +60,27 @@ JsonOption = Annotated[
 FiguresOption = Annotated[
     bool, typer.Option("--figures", help="Draw further pictures into DIR, as far as there are data for them.")
 ]
+WithoutOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--without",
+        metavar="VEHICLE",
+        help="Leave a vehicle out, as if it had not been there (a counterfactual). Repeatable.",
+    ),
+]
+HoldOutOption = Annotated[
+    str | None,
+    typer.Option(
+        "--hold-out",
+        metavar="fix[:SHARE][@VEHICLE,…]",
+        help="Withhold fixes from the navigators and score them: all groups after a vehicle's first, or a share.",
+    ),
+]
+TruthOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--truth",
+        metavar="[VEHICLE=]FILE|/TOPIC",
+        help="Truth from a table (time, latitude, longitude or east, north) or a topic of the log. Repeatable.",
+    ),
+]

@@ -117,18 +117,26 @@ def show(shown: Any, console: Console) -> None:
 
 
 def print_run(result: RunResult, console: Console) -> None:
-    """The table of a run, and below it what each navigator has no use for."""
+    """The table of a run, against truth as far as it is known and else without it; below it what does not fit, what each
+    navigator has no use for, and what is not known."""
+    from uwcoop.evaluation.consistency_without_truth import has_truth
     from uwcoop.navigators import not_realisable
     from uwcoop.report.misfit_lines import misfit_lines
     from uwcoop.report.result_tables import summary_table, unused_lines
+    from uwcoop.report.truthless_table import truthless_lines, truthless_table
 
     summary = result.summary
-    marked = not_realisable(summary["navigators"])
-    show(
-        summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked),
-        console,
-    )
-    for line in (*unused_lines(summary), *misfit_lines(result)):
+    marked, settle_s = not_realisable(summary["navigators"]), float(result.tracks.attrs["settle_s"])
+    known = has_truth(result.tracks)
+    lasts = float(result.tracks["time"].values[-1]) > settle_s
+    alone = lasts and not known.all()
+    if known.any() or not lasts:
+        show(summary_table(summary, settle_s=settle_s, not_realisable=marked), console)
+    if alone or result.held_out:
+        show(truthless_table(summary, settle_s=settle_s, not_realisable=marked), console)
+    unknown = [name for name, has in zip(result.log.vehicles, known, strict=True) if not has and alone]
+    missing = truthless_lines(summary, unknown) if alone else []
+    for line in (*missing, *unused_lines(summary), *misfit_lines(result)):
         console.print(line)
 
 

@@ -28,29 +28,53 @@ def summary_table(
     navigators = summary["navigators"]
     vehicles = [values for navigator in navigators.values() for values in navigator["vehicles"].values()]
     undefined = any(values.get("nees_not_finite") for values in vehicles)
-    table = _table(
-        f"{summary['mission']}, seed {summary['seed']}",
+    caption = (
         f"Errors over the instants of the 1 Hz grid after {settle_s:g} s. {_ANEES_CAPTION}"
         + (" (n): infinite or undefined at n instants." if undefined else "")
         + " Instants of one run are correlated: judge consistency over many runs."
-        + _bound_caption(vehicles),
+        + _bound_caption(vehicles)
+        + counterfactual_caption(summary)
     )
     columns = _applicable({key: m.column for key, m in metrics.METRICS.items()}, vehicles)
+    cells = {
+        column.heading: {
+            name: [_cell(key, values, column) for values in navigator["vehicles"].values()]
+            for name, navigator in navigators.items()
+        }
+        for key, column in columns.items()
+    }
+    return block_table(run_title(summary), caption, navigators, cells, not_realisable)
+
+
+def run_title(summary: Mapping[str, Any]) -> str:
+    """Mission and seed, and whether it is as it happened."""
+    changed = ", counterfactual" if summary.get("counterfactual") else ""
+    return f"{summary['mission']}, seed {summary['seed']}{changed}"
+
+
+def counterfactual_caption(summary: Mapping[str, Any]) -> str:
+    """In what the mission is not as it happened; empty where it is."""
+    changed = summary.get("counterfactual")
+    return f" Counterfactual: {', '.join(changed)}." if changed else ""
+
+
+def block_table(
+    title: str,
+    caption: str,
+    navigators: Mapping[str, Any],
+    columns: Mapping[str, Mapping[str, list[Text]]],
+    not_realisable: Collection[str],
+) -> Table:
+    """One block per navigator, one line in it per vehicle; `columns`: cells by heading, navigator and vehicle."""
+    table = _table(title, caption)
     names = {name: _navigator_cell(name, navigator, not_realisable) for name, navigator in navigators.items()}
     table.add_column("navigator\npacket mean / max\nrun time, × real", min_width=_width(names.values()))
     lines = [Text(vehicle) for navigator in navigators.values() for vehicle in navigator["vehicles"]]
     table.add_column("vehicle", no_wrap=True, min_width=_width([Text("vehicle"), *lines]))
-    blocks = {
-        name: [
-            [_cell(key, values, column) for values in navigator["vehicles"].values()]
-            for key, column in columns.items()
-        ]
-        for name, navigator in navigators.items()
-    }
-    for k, column in enumerate(columns.values()):
-        _number_column(table, column.heading, [cell for block in blocks.values() for cell in block[k]])
+    for heading, blocks in columns.items():
+        _number_column(table, heading, [cell for block in blocks.values() for cell in block])
     for name, navigator in navigators.items():
-        cells = [Text("\n").join(lines_of_column) for lines_of_column in blocks[name]]
+        cells = [Text("\n").join(blocks[name]) for blocks in columns.values()]
         table.add_row(names[name], "\n".join(navigator["vehicles"]), *cells, end_section=True)
     return table
 
@@ -192,6 +216,11 @@ def _cell(key: str, values: Mapping[str, Any], column: metrics.Column) -> Text:
         if value < CONSERVATIVE_ANEES:
             return Text(f"▽ {text}", style="yellow")
     return Text(text)
+
+
+def number_text(value: float | None) -> str:
+    """Three significant digits, none dropped before the point; – for None."""
+    return _number(value, "three digits")
 
 
 def _number(value: float | None, form: str) -> str:

@@ -140,12 +140,17 @@ def _write_json(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _write_tracks(result: RunResult, path: Path) -> None:
-    compressed = {
-        name: {"zlib": True, "complevel": 4, "shuffle": True}
-        for name, values in result.tracks.data_vars.items()
-        if values.dtype.kind in "fib"
+    from uwcoop.report.cf_tracks import cf_tracks
+
+    tracks = cf_tracks(result.tracks, result.log)
+    compressed: dict[str, dict[str, Any]] = {
+        str(name): {"zlib": True, "complevel": 4, "shuffle": True}
+        for name, values in tracks.variables.items()
+        if values.dtype.kind in "fib" and values.ndim
     }
-    result.tracks.to_netcdf(path, engine="h5netcdf", encoding=compressed)
+    for name in {"time", "time_utc"} & compressed.keys():  # coordinates have no missing values
+        compressed[name]["_FillValue"] = None
+    tracks.to_netcdf(path, engine="h5netcdf", encoding=compressed)
 
 
 def _write_errors(result: RunResult, path: Path) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.figures.style import OKABE_ITO
+from uwcoop.missionlog.depths import depths_m
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -49,7 +50,7 @@ class Stage:
         truth = np.asarray(tracks["truth_position_m"].values, dtype=np.float64)[:, at]
         window = _window(tracks, chart)
         side = max(window[1] - window[0], window[3] - window[2])
-        depth = _depth(time[at], log, truth.shape[0])
+        depth = depths_m(log, time[at])
         deepest_m = float(depth.max()) if chart is None else chart.depth_range_m[1]
         return cls(
             navigators=tuple(str(n) for n in tracks["navigator"].values),
@@ -145,23 +146,6 @@ def _yaw(truth: Floats, time_s: Floats, log: MissionLog) -> Floats:
         return np.asarray(known[:, index], dtype=np.float64)
     step = np.gradient(truth, axis=1)
     return np.where(np.isfinite(step).all(-1), np.arctan2(step[..., 1], step[..., 0]), np.nan)
-
-
-def _depth(time_s: Floats, log: MissionLog, vehicles: int) -> Floats:
-    """True depth of each vehicle, else what its depth sensor measured, else the surface."""
-    if log.truth is not None and "depth_m" in log.truth:
-        known = np.asarray(log.truth["depth_m"].values, dtype=np.float64)
-        times = log.truth["time"].values
-        return np.stack([np.nan_to_num(np.interp(time_s, times, own)) for own in known])
-    depth = np.zeros((vehicles, len(time_s)))
-    table = log.events.get("depth")
-    if table is None:
-        return depth
-    for j in range(vehicles):
-        own = table["vehicle"] == j
-        if own.any():
-            depth[j] = np.interp(time_s, table["t_ns"][own] / 1e9, table["depth_m"][own])
-    return depth
 
 
 def series(
