@@ -80,13 +80,17 @@ def bound_covariance_m2(
             not fit that slope as noise.
 
     Returns:
-        (vehicles, samples, 3): ee, en, nn in m²; NaN before a vehicle's first fix. None without chart or truth.
+        (vehicles, samples, 3): ee, en, nn in m²; NaN before a vehicle's first fix. None without chart, or where the truth of a
+        vehicle is not known throughout.
     """
     if log.chart is None or log.truth is None:
         return None
-    stated = tuple(options_of(name, log.setup).stated() for name in (MODEL_OF, SHARED_OF))
     truth = log.truth
     position = truth["position_m"].transpose("vehicle", "time", "axis").to_numpy()
+    span_s = truth["time"].to_numpy()[[0, -1]]
+    if not np.isfinite(position).all() or span_s[0] > 0 or span_s[1] * 1e9 < sample_ns[-1]:
+        return None
+    stated = tuple(options_of(name, log.setup).stated() for name in (MODEL_OF, SHARED_OF))
     return _native.bound(
         native_chart(log.chart),
         np.round(truth["time"].to_numpy() * 1e9).astype(np.int64),

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from uwcoop.acoustics import schedule
 from uwcoop.acoustics.losses import Signals, survival
-from uwcoop.acoustics.modem import link_of
+from uwcoop.acoustics.modem import frames_of, link_of
+from uwcoop.acoustics.schedule import slot_capacity_bytes
 from uwcoop.errors import LogError, ScenarioError
 from uwcoop.scenario.base import nearest
 from uwcoop.scenario.setup import MissionSetup
@@ -143,17 +143,19 @@ def _left(table: Columns, place: NDArray[np.int64]) -> Columns:
 
 def _with_modem(log: MissionLog, plan: Acoustics, planned: bool) -> MissionLog:
     link = replace(link_of(plan), sound_speed_mps=log.link.sound_speed_mps)
-    most = schedule.slot_capacity_bytes(plan) if planned else link.frame_bytes * link.max_frames
-    opportunities = dict(log.opportunities)
-    if opportunities:
-        opportunities["draws"] = _draws(log, link.max_frames)
-    slots = dict(log.slots)
+    most = slot_capacity_bytes(plan) if planned else link.frame_bytes * link.max_frames
+    slots, opportunities = dict(log.slots), dict(log.opportunities)
     if slots:
         slots["capacity_bytes"] = (
             np.full_like(slots["capacity_bytes"], most)
             if planned
             else np.minimum(slots["capacity_bytes"], most)
         )
+    if opportunities:
+        longest = int(slots["capacity_bytes"].max()) if slots else most
+        # A two-way reply spends bytes beside the packet's.
+        frames = min(link.max_frames, frames_of(link, longest) + 1)
+        opportunities["draws"] = _draws(log, frames)
     return replace(log, link=link, slots=slots, opportunities=opportunities)
 
 

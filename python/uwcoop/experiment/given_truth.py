@@ -33,6 +33,8 @@ _TYPES = {
     "geometry_msgs/msg/PointStamped": lambda m: m.point,
 }
 _NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
+_NO_POSITION = ("depth", "water_depth")
+"""Topics of uwcoop's logs whose poses hold a depth alone."""
 LONGEST_GAP_S = 30.0
 """Within a longer gap of its source the truth is unknown; shorter ones are straight lines."""
 
@@ -163,7 +165,11 @@ def _of_topic(log: MissionLog, file: Path, topic: str) -> _Path:
         contents = container.parse(file.read_bytes())
     kind = contents.types.get(topic)
     if kind is None:
-        can = sorted(t for t, k in contents.types.items() if k in _TYPES or k == _NAV_SAT_FIX)
+        can = sorted(
+            topic
+            for topic, k in contents.types.items()
+            if (k in _TYPES or k == _NAV_SAT_FIX) and topic.rsplit("/", 1)[-1] not in _NO_POSITION
+        )
         raise LogError(f"log {file} has no topic {topic}: positions are in {', '.join(can) or 'none of its topics'}")
     if kind not in _TYPES and kind != _NAV_SAT_FIX:
         raise LogError(f"truth {topic} carries {kind}: must be one of {', '.join((*_TYPES, _NAV_SAT_FIX))}")
@@ -181,6 +187,10 @@ def _of_topic(log: MissionLog, file: Path, topic: str) -> _Path:
         points = [_TYPES[kind](m) for m in messages]
         position = np.array([[p.x, p.y] for p in points])
         depth = np.array([-p.z for p in points])
+    known = np.isfinite(position).all(axis=1)
+    if not known.any() or topic.rsplit("/", 1)[-1] in _NO_POSITION:
+        raise LogError(f"truth {topic}: it holds no horizontal position")
+    t_ns, position, depth = t_ns[known], position[known], depth[known]
     order = np.argsort(t_ns, kind="stable")
     fresh = np.concatenate([[True], np.diff(t_ns[order]) > 0])
     return _Path(t_ns[order][fresh], position[order][fresh], depth[order][fresh])
