@@ -81,10 +81,11 @@ def cf_tracks(tracks: xr.Dataset, log: MissionLog) -> xr.Dataset:
         "institution": "not stated",
         "source": "uwcoop: navigators replayed over a mission log",
         "history": "written by uwcoop run",
-        "comment": " | ".join(("counterfactual: " + ", ".join(log.counterfactual),) if log.counterfactual else ())
-        or "local frame: metres east and north",
+        "comment": "positions are local metres, east and north",
         "references": "https://github.com/uwcoop/uwcoop",
     }
+    if log.counterfactual:
+        found.attrs["counterfactual"] = ", ".join(log.counterfactual)
     if log.epoch_ns is not None:
         found = found.assign_coords(time_utc=("time", time_s, _utc(log.epoch_ns)))
         found.attrs["epoch"] = epoch_text(log.epoch_ns)
