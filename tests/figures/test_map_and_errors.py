@@ -18,9 +18,10 @@ from matplotlib.image import imread
 from uwcoop.charts import Chart
 from uwcoop.errors import MissingDependencyError
 from uwcoop.evaluation.nees import CHI2_95_2D
+from uwcoop.evaluation.per_instant import errors
 from uwcoop.figures.errors import errors_figure
 from uwcoop.figures.map import ellipse, hillshade, map_figure
-from uwcoop.figures.style import LOST_COLOUR, OKABE_ITO, RECEIVED_COLOUR, REJECTED_COLOUR
+from uwcoop.figures.style import OKABE_ITO, RECEIVED_COLOUR, REJECTED_COLOUR
 
 
 def pixels(figure: Any) -> np.ndarray[Any, Any]:
@@ -80,7 +81,7 @@ def test_an_estimate_far_away_does_not_shrink_the_map() -> None:
     figure = map_figure(m.tracks, m.chart)
     far = figure.axes[0].get_xlim()
     assert far[1] - far[0] < 3 * (near[1] - near[0])
-    assert "auv-2 leaves the frame by 29" in figure.axes[0].texts[0].get_text()
+    assert any("auv-2 leaves the frame by 29" in text.get_text() for text in figure.axes[0].texts)
     assert_whole(pixels(figure))
 
 
@@ -113,46 +114,121 @@ def test_hillshade_is_lit_from_the_north_west() -> None:
     np.testing.assert_allclose(hillshade(np.zeros((5, 5)), 1.0), np.sqrt(0.5))
 
 
+def panel(figure: Any, navigator: int, vehicle: int, vehicles: int = 3) -> Any:
+    return figure.axes[navigator * vehicles + vehicle]
+
+
 def test_errors_show_lines_ticks_and_spans() -> None:
     m = mission(duration_s=300)
     figure = errors_figure(m.tracks, m.packets)
     image = pixels(figure)
     assert_whole(image)
     for colour in OKABE_ITO[:3]:
-        assert count(image, colour) > 2000, colour
-    assert count(image, RECEIVED_COLOUR, 4) > 1000
-    assert count(image, LOST_COLOUR, 4) > 500
+        assert count(image, colour) > 2000, colour  # vehicles, whatever the navigator
+    for colour in OKABE_ITO[3:7]:
+        assert count(image, colour, 4) == 0, colour
+    assert count(image, RECEIVED_COLOUR, 4) > 300
     assert count(image, REJECTED_COLOUR, 4) > 50
-    rows = figure.axes[::2]
-    assert [axes.get_ylabel() for axes in rows] == [f"auv-{k}\nerror (m)" for k in (1, 2, 3)]
+    assert [panel(figure, k, 0).get_ylabel() for k in range(3)] == [
+        "dead-reckoning\n(m)",
+        "dmpf\n(m)",
+        "mpf\n(m)",
+    ]
+    assert [panel(figure, 0, k).get_title() for k in range(3)] == ["auv-1", "auv-2", "auv-3"]
     assert figure.axes[-1].get_xlabel() == "time (s)"
-    assert {axes.get_yscale() for axes in rows} == {"log"}
+    assert {axes.get_yscale() for axes in figure.axes} == {"log"}
+    assert len({axes.get_ylim() for axes in figure.axes}) == 1
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert {"packet received", "lost", "refused by the navigator", "settling, 50 s", "off the chart"} <= {
         *labels
     }
 
 
+def test_lines_can_be_told_from_bands() -> None:
+    """The band is a pale area, the error a strong line: neither is drawn as the other."""
+    m = mission(duration_s=100, navigators=("mpf",), vehicles=1)
+    axes = errors_figure(m.tracks, m.packets).axes[0]
+    lines = {line.get_linewidth(): line for line in axes.lines}
+    strongest = lines[max(lines)]
+    np.testing.assert_allclose(strongest.get_ydata(), errors(m.tracks).values[0, 0])
+    covariance = m.tracks["covariance_m2"].values[0, 0]
+    (band,) = [c for c in axes.collections if c.get_alpha() == 0.16]
+    edge = 2 * np.sqrt(covariance[:, 0, 0] + covariance[:, 1, 1])
+    assert band.get_paths()[0].vertices[:, 1].max() == pytest.approx(edge.max())
+
+
 def test_each_arrival_has_its_tick() -> None:
     m = mission(duration_s=200, navigators=("mpf",))
     figure = errors_figure(m.tracks, m.packets)
-    for vehicle, strip in enumerate(figure.axes[1::2]):
-        drawn = [len(lines.get_segments()) for lines in strip.collections]
+    for vehicle, axes in enumerate(figure.axes):
+        drawn = {lines.get_gid(): len(lines.get_segments()) for lines in axes.collections if lines.get_gid()}
         own = m.packets["receiver"] == vehicle
         accepted, received = m.packets["accepted"][own], m.packets["received"][own]
-        assert drawn == [accepted.sum(), (received & ~accepted).sum(), (~received).sum()]
-        assert drawn[2] > 0
+        assert drawn == {
+            "received": accepted.sum(), "refused": (received & ~accepted).sum(), "lost": (~received).sum()
+        }  # fmt: skip
+        assert drawn["lost"] > 0
 
 
 def test_scale_is_linear_where_all_are_readable() -> None:
     m = mission(duration_s=200, navigators=("dmpf", "mpf"))
     figure = errors_figure(m.tracks)
-    assert {axes.get_yscale() for axes in figure.axes[::2]} == {"linear"}
+    assert {axes.get_yscale() for axes in figure.axes} == {"linear"}
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "lost" in labels
     assert "refused by the navigator" not in labels  # tracks alone cannot tell
     m.tracks["position_m"][0] += 5000.0
-    assert {axes.get_yscale() for axes in errors_figure(m.tracks).axes[::2]} == {"log"}
+    assert {axes.get_yscale() for axes in errors_figure(m.tracks).axes} == {"log"}
+
+
+def test_many_vehicles_go_on_in_further_rows() -> None:
+    m = mission(duration_s=60, navigators=("dmpf", "mpf"), vehicles=8)
+    figure = errors_figure(m.tracks, m.packets)
+    assert_whole(pixels(figure))
+    shown = [axes.get_title() for axes in figure.axes if axes.get_visible()]
+    assert shown == [f"auv-{k}" for k in range(1, 9)] * 2
+
+
+def test_without_truth_what_is_stated_is_drawn() -> None:
+    m = mission(duration_s=200, navigators=("dmpf", "mpf"), vehicles=2)
+    truth = m.tracks["truth_position_m"].copy()
+    m.tracks["truth_position_m"][:] = np.nan
+    fixes = {
+        "t_ns": np.array([100, 150]) * 10**9, "vehicle": np.array([0, 0]), "navigator": np.array([1, 1]),
+        "kind": np.array(["fix", "fix"], dtype=object), "fused": np.array([True, False]),
+        "innovation_m": np.array([1.0, 40.0]), "sigma_m": np.array([3.0, 3.0]),
+    }  # fmt: skip
+    held = {
+        "t_ns": np.array([120]) * 10**9, "vehicle": np.array([1]),
+        "e_m": truth.values[1, 120, :1] + 2.0, "n_m": truth.values[1, 120, 1:],
+    }  # fmt: skip
+    figure = errors_figure(m.tracks, m.packets, fixes, held)
+    assert_whole(pixels(figure))
+    assert {axes.get_title() for axes in figure.axes} == {"auv-1: no truth", "auv-2: no truth", ""}
+    assert "no truth is known" in figure._suptitle.get_text()
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"fix, from the belief before it", "the same, gated", "fix held out"} <= set(labels)
+    assert not any(label.startswith("error") for label in labels)
+    drawn = [line for line in panel(figure, 1, 0, 2).lines if line.get_marker() == "o"]
+    assert [line.get_xdata().tolist() for line in drawn] == [[100.0], [150.0]]
+    top = panel(figure, 1, 0, 2).get_ylim()[1]
+    assert top > 0.5, "the axis holds what is stated"
+    diamonds = [line for line in panel(figure, 0, 1, 2).lines if line.get_marker() == "D"]
+    assert len(diamonds) == 1
+    whole = map_figure(m.tracks, m.chart, {**held, "vehicle": np.array([1])})
+    assert_whole(pixels(whole))
+    labels = [text.get_text() for text in whole.legends[0].get_texts()]
+    assert "fix" in labels
+    assert "true path" not in labels
+
+
+def test_small_ellipses_are_enlarged_and_the_panel_says_so() -> None:
+    m = mission(duration_s=200, navigators=("mpf", "dead-reckoning"), vehicles=1)
+    figure = map_figure(m.tracks, m.chart)
+    small, large = (" ".join(text.get_text() for text in axes.texts) for axes in figure.axes[:2])
+    assert "95 % ellipses × " in small
+    assert "ellipses" not in large
+    assert " m" in small, "the first panel has the scale"
 
 
 def test_pictures_of_broken_tracks_do_not_crash() -> None:

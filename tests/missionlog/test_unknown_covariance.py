@@ -60,5 +60,5 @@ def test_notes_survive_the_file(log: MissionLog, tmp_path: Path) -> None:
 def test_a_sigma_must_be_one(log: MissionLog, value: Any) -> None:
     with pytest.raises(LogError, match=r"log\.fix_sigma_m is .*: must be a number above 0"):
         open_mission(log, overrides=[f"log.fix_sigma_m={value}"])
-    with pytest.raises(ScenarioError, match=r"log\.fix_sigma_m only"):
+    with pytest.raises(ScenarioError, match=r"log\.fix_sigma_m and log\.capacity_bytes only"):
         open_mission(log, overrides=["log.sigma=3"])

@@ -110,7 +110,9 @@ def _of_table(log: MissionLog, place: str, name: str | None) -> dict[str, _Path]
         labels = {split_label(label)[0]: label for label in table.labels}
     except (OSError, TableError) as error:
         raise LogError(f"truth {place}: {error}") from error
-    whose = next((labels[known] for known in ("vehicle", "vehicle name", "name", "robot") if known in labels), None)
+    whose = next(
+        (labels[known] for known in ("vehicle", "vehicle name", "name", "robot") if known in labels), None
+    )
     if name is not None or whose is None:
         return {_only(name, log, place): _rows(log, place, {} if whose is None else {whose: str(name)})}
     names = {str(cell) for cell in table.read({}, {"vehicle": table.place(whose)}).texts["vehicle"]}
@@ -170,7 +172,9 @@ def _of_topic(log: MissionLog, file: Path, topic: str) -> _Path:
             for topic, k in contents.types.items()
             if (k in _TYPES or k == _NAV_SAT_FIX) and topic.rsplit("/", 1)[-1] not in _NO_POSITION
         )
-        raise LogError(f"log {file} has no topic {topic}: positions are in {', '.join(can) or 'none of its topics'}")
+        raise LogError(
+            f"log {file} has no topic {topic}: positions are in {', '.join(can) or 'none of its topics'}"
+        )
     if kind not in _TYPES and kind != _NAV_SAT_FIX:
         raise LogError(f"truth {topic} carries {kind}: must be one of {', '.join((*_TYPES, _NAV_SAT_FIX))}")
     store = typestore()

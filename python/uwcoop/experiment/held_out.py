@@ -84,7 +84,9 @@ def withhold(log: MissionLog, request: Request) -> tuple[MissionLog, Columns]:
         wanted = _evenly(later, request.share)
         chosen = np.isin(group, wanted)
         held[rows[chosen]] = True
-        told.append(f"{name} {chosen.sum()} of {rows.size} in {len(wanted)} of {later + bool(rows.size)} groups")
+        told.append(
+            f"{name} {chosen.sum()} of {rows.size} in {len(wanted)} of {later + bool(rows.size)} groups"
+        )
     if table is None or not held.any():
         raise LogError(
             f"mission {log.name!r} has no fixes to hold out: a vehicle's first group of fixes is always used "
@@ -106,7 +108,9 @@ def held_out_scores(tracks: xr.Dataset, fixes: Columns) -> dict[str, dict[str, d
     found: dict[str, dict[str, dict[str, Any]]] = {}
     position, covariance = values_of(tracks, "position_m"), values_of(tracks, "covariance_m2")
     measured = np.stack([fixes["e_m"], fixes["n_m"]], axis=-1)
-    noise = np.stack([fixes["cov_ee_m2"], fixes["cov_en_m2"], fixes["cov_en_m2"], fixes["cov_nn_m2"]], axis=-1)
+    noise = np.stack(
+        [fixes["cov_ee_m2"], fixes["cov_en_m2"], fixes["cov_en_m2"], fixes["cov_nn_m2"]], axis=-1
+    )
     noise = noise.reshape(-1, 2, 2)
     for i, navigator in enumerate(names_of(tracks, "navigator")):
         found[navigator] = {}

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from uwcoop.evaluation.nees import CHI2_95_2D
-from uwcoop.figures.style import DEPTH_COLOURS, DPI, MARKERS, OKABE_ITO, matplotlib_figure
+from uwcoop.figures.map_paths import draw_paths, draw_scale, ellipse, finite_points, spread_evenly
+from uwcoop.figures.style import DEPTH_COLOURS, DPI, INK, MARKERS, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -17,54 +17,94 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from uwcoop.charts import Chart
+    from uwcoop.missionlog import Columns
+
+__all__ = [
+    "Backdrop",
+    "chart_backdrop",
+    "depth_colormap",
+    "draw_backdrop",
+    "ellipse",
+    "finite_points",
+    "frame_around",
+    "hillshade",
+    "map_figure",
+    "spread_evenly",
+]
 
 _PANEL_INCH = 4.4
 _NODES_DRAWN = 700
 """A panel has no more pixels than this along its longer side."""
 
 
-def map_figure(tracks: xr.Dataset, chart: Chart | None) -> Figure:
+def map_figure(tracks: xr.Dataset, chart: Chart | None, fixes: Columns | None = None) -> Figure:
     """Chart, if any, with hillshade, true and estimated paths, 95 % covariance ellipses; metres east and north.
 
-    The panels share one frame, around all true paths and around the estimates as far as half the true
-    paths' size outside them; an estimate further out is cut at the edge, and the panel's note says by how
-    much. Ellipses stand at ten instants. Save with `figure.savefig(path)`; needs no display.
+    The panels share one frame, around all true paths (where none is known, around the fixes and estimates) and around the
+    estimates as far as half the true paths' size outside them; an estimate further out is cut at the edge, and the
+    panel's note says by how much. Ellipses stand at nine instants; where they are too small to be seen, they are
+    enlarged, and the panel's note says so. `fixes` are drawn as crosses. Save with `figure.savefig(path)`; needs no
+    display.
     """
     figure_class = matplotlib_figure()
     navigators = [str(n) for n in tracks["navigator"].values]
     columns = 2 if len(navigators) == 4 else min(len(navigators), 3)
-    panel_rows = math.ceil(len(navigators) / columns)
-    view = _view(tracks, chart)
+    view = _view(tracks, chart, fixes)
     backdrop = None if chart is None else chart_backdrop(chart, view)
-    tall = float(np.clip((view[3] - view[2]) / (view[1] - view[0]), 0.35, 2.5))
-    panel = _PANEL_INCH * max(1.0, 1.3 / columns)
-    figure = figure_class(
-        figsize=(panel * columns + 1.2, panel * tall * panel_rows + 1.5),
-        dpi=DPI,
-        layout="compressed",
-    )
-    panels = figure.subplots(panel_rows, columns, squeeze=False, sharex=True, sharey=True)
-    for spare in panels.flat[len(navigators) :]:
-        spare.set_axis_off()
-    used = list(panels.flat[: len(navigators)])
-    for i, (axes, navigator) in enumerate(zip(used, navigators, strict=True)):
+    panels, bar_place, figure = _panels(figure_class, view, len(navigators), columns, backdrop is not None)
+    for i, navigator in enumerate(navigators):
+        axes = panels[i]
         if chart is not None:
             draw_backdrop(axes, backdrop)
-        _draw_paths(axes, tracks, i, view)
-        axes.set(xlim=view[:2], ylim=view[2:], aspect="equal", title=navigator)
+        draw_paths(axes, tracks, i, view, fixes)
+        axes.set(xlim=view[:2], ylim=view[2:], aspect="equal")
+        axes.set_title(navigator, fontsize=11, pad=4)
         axes.tick_params(labelsize=8)
         if i % columns == 0:
             axes.set_ylabel("north (m)")
+        else:
+            axes.tick_params(labelleft=False)
         if i + columns >= len(navigators):
             axes.set_xlabel("east (m)")
-            axes.tick_params(labelbottom=True)
+        else:
+            axes.tick_params(labelbottom=False)
+    draw_scale(panels[0], view)
     if backdrop is not None:
-        bar = figure.colorbar(backdrop.shading, ax=panels, shrink=0.85, pad=0.02, aspect=30)
+        bar = figure.colorbar(backdrop.shading, cax=bar_place)
         bar.set_label("water depth (m)")
         bar.ax.invert_yaxis()
-    _legend(figure, tracks, chart is not None and _shows_no_chart(chart, view))
-    figure.suptitle(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}", fontsize=12)
+    _legend(figure, tracks, chart is not None and _shows_no_chart(chart, view), fixes)
     return figure
+
+
+_LEFT, _RIGHT, _TOP, _BOTTOM, _GAP_X, _GAP_Y, _BAR = 0.85, 0.3, 0.75, 1.25, 0.15, 0.36, 1.0
+"""Inches around and between panels, and for the colour bar."""
+
+
+def _panels(
+    figure_class: Any, view: tuple[float, float, float, float], count: int, columns: int, with_bar: bool
+) -> tuple[list[Any], Any, Figure]:
+    """Panels of the frame's own shape, placed by the inch so that no title meets another; the colour bar's place."""
+    rows = math.ceil(count / columns)
+    tall = float(np.clip((view[3] - view[2]) / (view[1] - view[0]), 0.35, 2.5))
+    wide_in = _PANEL_INCH * max(1.0, 1.3 / columns)
+    high_in = wide_in * tall
+    width = _LEFT + columns * wide_in + (columns - 1) * _GAP_X + _RIGHT + (_BAR if with_bar else 0.0)
+    height = _TOP + rows * high_in + (rows - 1) * _GAP_Y + _BOTTOM
+    figure = figure_class(figsize=(width, height), dpi=DPI)
+    panels = []
+    for k in range(count):
+        row, column = divmod(k, columns)
+        left = _LEFT + column * (wide_in + _GAP_X)
+        bottom = _BOTTOM + (rows - 1 - row) * (high_in + _GAP_Y)
+        place = (left / width, bottom / height, wide_in / width, high_in / height)
+        panels.append(figure.add_axes(place))
+    if not with_bar:
+        return panels, None, figure
+    left = width - _BAR
+    span = rows * high_in + (rows - 1) * _GAP_Y
+    bar = figure.add_axes((left / width, (_BOTTOM + 0.1 * span) / height, 0.16 / width, 0.8 * span / height))
+    return panels, bar, figure
 
 
 # ---------------------------------------------------------------------------------------------- chart
@@ -156,9 +196,17 @@ def depth_colormap() -> Any:
 # ---------------------------------------------------------------------------------------------- paths
 
 
-def _view(tracks: xr.Dataset, chart: Chart | None) -> tuple[float, float, float, float]:
+def _view(
+    tracks: xr.Dataset, chart: Chart | None, fixes: Columns | None
+) -> tuple[float, float, float, float]:
     """West, east, south, north of the common frame."""
     truth = finite_points(tracks["truth_position_m"].values)
+    if not len(truth):
+        # The estimates of the navigators that are nearest to each other, half of them at each instant, stand in for it.
+        believed = tracks["position_m"].values
+        truth = np.nanmedian(believed[:, np.isfinite(believed).all(-1).any(0)], axis=0).reshape(-1, 2)
+        if fixes is not None:
+            truth = np.vstack([truth, np.column_stack([fixes["e_m"], fixes["n_m"]])])
     estimate = finite_points(tracks["position_m"].values)
     cell_m = 1.0 if chart is None else chart.cell_m
     if len(truth):
@@ -185,111 +233,38 @@ def _shows_no_chart(chart: Chart, view: tuple[float, float, float, float]) -> bo
     return bool(np.isnan(chart.depth_m[i, j]).any())
 
 
-def _draw_paths(axes: Axes, tracks: xr.Dataset, navigator: int, view: tuple[float, ...]) -> None:
-    from matplotlib.patheffects import Normal, Stroke
-
-    halo = [Stroke(linewidth=2.6, foreground="white", alpha=0.8), Normal()]
-    notes = []
-    for j, vehicle in enumerate(tracks["vehicle"].values):
-        colour, marker = OKABE_ITO[j % 8], MARKERS[j % 8]
-        truth = tracks["truth_position_m"].values[j]
-        estimate = tracks["position_m"].values[navigator, j]
-        covariance = tracks["covariance_m2"].values[navigator, j]
-        axes.plot(*truth.T, color="#111111", lw=0.8, ls=(0, (4, 2.5)), zorder=3.2)
-        axes.plot(*estimate.T, color=colour, lw=1.3, path_effects=halo, zorder=3)
-        at = spread_evenly(estimate, 10)
-        for k in at:
-            ring = ellipse(estimate[k], covariance[k])
-            axes.plot(*ring.T, color=colour, lw=0.8, alpha=0.9, zorder=3.5)
-        axes.plot(
-            *estimate[at[1:-1]].T, ls="", marker=marker, ms=4, mfc="white", mec=colour, mew=1.0, zorder=4
-        )
-        _ends(axes, truth, estimate, colour, marker)
-        beyond = _beyond(estimate, view)
-        if beyond > 0:
-            notes.append(f"{vehicle} leaves the frame by {beyond:.0f} m")
-    if notes:
-        axes.text(
-            0.02, 0.02, "\n".join(notes), transform=axes.transAxes, fontsize=7, va="bottom", zorder=6,
-            bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 2},
-        )  # fmt: skip
-
-
-def _ends(
-    axes: Axes, truth: NDArray[np.float64], estimate: NDArray[np.float64], colour: str, marker: str
-) -> None:
-    """Start: large filled marker. End: a cross on the truth, joined to the filled end of the estimate."""
-    known = truth[np.isfinite(truth).all(1)]
-    believed = estimate[np.isfinite(estimate).all(1)]
-    start = known[:1] if len(known) else believed[:1]
-    axes.plot(*start.T, ls="", marker=marker, ms=8, mfc="white", mec="#111111", mew=1.4, zorder=5)
-    if len(believed):
-        axes.plot(
-            *believed[-1:].T, ls="", marker=marker, ms=6.5, mfc=colour, mec="#111111", mew=0.8, zorder=5.2
-        )
-    if len(known):
-        axes.plot(*known[-1:].T, ls="", marker="x", ms=7, mec="#111111", mew=1.8, zorder=5.4)
-    if len(known) and len(believed):
-        axes.plot(*np.stack([known[-1], believed[-1]]).T, color="#111111", lw=0.8, ls=":", zorder=5)
-
-
-def ellipse(mean: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Closed outline (41, 2) of the 95 % region of a 2-D Gaussian; NaN where the covariance is not one."""
-    if not (np.isfinite(covariance).all() and np.isfinite(mean).all()):
-        return np.full((41, 2), np.nan)
-    eigenvalues, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
-    if eigenvalues[0] < -1e-9 * max(float(eigenvalues[1]), 1e-300):
-        return np.full((41, 2), np.nan)
-    angle = np.linspace(0, 2 * np.pi, 41)
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    axes = vectors * np.sqrt(CHI2_95_2D * np.maximum(eigenvalues, 0))
-    return np.asarray(mean + (axes @ circle).T)
-
-
-def spread_evenly(path: NDArray[np.float64], count: int) -> NDArray[np.intp]:
-    """`count` indices evenly spread over the path's finite part, ends included."""
-    finite = np.flatnonzero(np.isfinite(path).all(1))
-    if not len(finite):
-        return finite
-    return finite[np.unique(np.linspace(0, len(finite) - 1, count).astype(np.intp))]
-
-
-def _beyond(path: NDArray[np.float64], view: tuple[float, ...]) -> float:
-    finite = finite_points(path)
-    if not len(finite):
-        return 0.0
-    outside = np.maximum(
-        np.array([view[0], view[2]]) - finite.min(0), finite.max(0) - np.array([view[1], view[3]])
-    )
-    return float(max(outside.max(), 0.0))
-
-
-def finite_points(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those of the points (..., 2) that are known, (N, 2)."""
-    flat = points.reshape(-1, 2)
-    return flat[np.isfinite(flat).all(1)]
-
-
-def _legend(figure: Figure, tracks: xr.Dataset, holes: bool) -> None:
+def _legend(figure: Figure, tracks: xr.Dataset, holes: bool, fixes: Columns | None) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    ink = "#111111"
     handles: list[Any] = [
         Line2D(
             [], [], color=OKABE_ITO[j % 8], marker=MARKERS[j % 8], mfc="white", lw=1.3, ms=5, label=str(name)
         )
         for j, name in enumerate(tracks["vehicle"].values)
     ]
+    known = bool(np.isfinite(tracks["truth_position_m"].values).any())
+    if known:
+        handles.append(Line2D([], [], color=INK, lw=0.9, ls=(0, (4, 2)), label="true path"))
     handles += [
-        Line2D([], [], color=ink, lw=0.9, ls=(0, (4, 2)), label="true path"),
-        Line2D([], [], color="#555555", ls="", marker="o", mfc="none", ms=9, mew=0.8, label="95 % ellipse"),
-        Line2D([], [], color=ink, ls="", marker="o", mfc="white", ms=8, mew=1.4, label="start"),
-        Line2D([], [], color=ink, ls="", marker="o", mfc="#999999", ms=6.5, label="end, estimated"),
-        Line2D([], [], color=ink, ls="", marker="x", ms=7, mew=1.8, label="end, true"),
+        Line2D(
+            [], [], color="#555555", ls="", marker="o", mfc="#DDDDDD", ms=9, mew=1.0, label="95 % ellipse"
+        ),
+        Line2D([], [], color=INK, ls="", marker="o", mfc="white", ms=8, mew=1.4, label="start"),
+        Line2D([], [], color=INK, ls="", marker="o", mfc="#999999", ms=6.5, label="end, estimated"),
     ]
+    if known:
+        handles.append(Line2D([], [], color=INK, ls="", marker="x", ms=7, mew=1.8, label="end, true"))
+    if fixes is not None and len(fixes["t_ns"]):
+        handles.append(Line2D([], [], color=INK, ls="", marker="+", ms=7, mew=1.0, label="fix"))
     if holes:
         handles.append(Patch(facecolor="white", edgecolor="#bbbbbb", hatch="////", label="no chart"))
+    height = float(figure.get_size_inches()[1])
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=min(len(handles), 5), fontsize=8, frameon=False
+        handles=handles, loc="lower center", ncols=min(len(handles), 5), fontsize=8, frameon=False,
+        bbox_to_anchor=(0.5, 0.1 / height),
+    )  # fmt: skip
+    without = "" if known else "; no truth is known"
+    figure.suptitle(
+        f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}{without}", fontsize=12, y=1 - 0.22 / height
     )

@@ -24,8 +24,11 @@ DPI = 150
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)), (0, (8, 2, 1, 2, 1, 2)))
 """One for each navigator, so that lines can be distinguished in greyscale."""
 
-RECEIVED_COLOUR, LOST_COLOUR, REJECTED_COLOUR = "#444444", "#D55E00", "#56B4E9"
-"""Of a packet at its receiver."""
+RECEIVED_COLOUR, LOST_COLOUR, REJECTED_COLOUR = "#8A8A8A", "#000000", "#882255"
+"""Of a packet at its receiver: no vehicle has these."""
+
+INK = "#111111"
+"""Of the truth, and of what belongs to no vehicle."""
 
 
 def matplotlib_figure() -> type[Figure]:

@@ -25,6 +25,8 @@ def depths_m(log: MissionLog, time_s: Floats) -> Floats:
             depth[j] = np.interp(time_s, table["t_ns"][own] / 1e9, table["depth_m"][own])
     if log.truth is not None and "depth_m" in log.truth:
         known_s = log.truth["time"].values
-        true = [np.interp(time_s, known_s, own) for own in np.asarray(log.truth["depth_m"].values, np.float64)]
+        true = [
+            np.interp(time_s, known_s, own) for own in np.asarray(log.truth["depth_m"].values, np.float64)
+        ]
         depth = np.where(np.isfinite(true), true, depth)
     return depth

@@ -1,7 +1,7 @@
 """A mission log on disk: one MCAP file that ROS 2 tools play, Rerun opens, and uwcoop reads back bit for bit.
 
 The profile is `ros2`: CDR messages, each type's full definition embedded (`ros2msg`), the log's times from 0
-as log time and as header stamp. World frame `map`: local ENU metres, z up (REP 103, REP 105); body frame
+as header stamp, and as log time from its epoch on (from 0 where that is not known). World frame `map`: local ENU metres, z up (REP 103, REP 105); body frame
 `{vehicle}/base_link`: x forward, y left. `{V}` is a vehicle's name made a valid ROS namespace.
 
 | topic | type | what it carries |
@@ -92,7 +92,7 @@ def write_log(log: MissionLog, path: str | os.PathLike[str]) -> None:
     metadata = _metadata(log)
     try:
         with atomic_write(target) as partial, partial.open("xb") as file:
-            _write(file, streams, metadata, log.chart)
+            _write(file, streams, metadata, log.chart, log.epoch_ns or 0)
     except OSError as error:
         raise LogError(f"log {target} cannot be written: {error.strerror or error}") from error
 
@@ -121,7 +121,11 @@ def load_log(path: str | os.PathLike[str], chart: Chart | None = None) -> Missio
 
 
 def _write(
-    file: IO[bytes], streams: list[topics.Stream], metadata: dict[str, str], chart: Chart | None
+    file: IO[bytes],
+    streams: list[topics.Stream],
+    metadata: dict[str, str],
+    chart: Chart | None,
+    epoch_ns: int,
 ) -> None:
     from mcap.writer import CompressionType, Writer
 
@@ -151,7 +155,7 @@ def _write(
             zip(stream.t_ns.tolist(), [channel] * count, range(count), stream.messages, strict=True)
         )
     for t_ns, channel, row, message in merge(*queues):
-        writer.add_message(channel, t_ns, message, t_ns, row)
+        writer.add_message(channel, epoch_ns + t_ns, message, epoch_ns + t_ns, row)
     writer.finish()  # type: ignore[no-untyped-call]
 
 

@@ -63,7 +63,9 @@ def _team(log: MissionLog) -> None:
     for field, kind in (("name", str), ("seed", int), ("duration_ns", int)):
         if not isinstance(getattr(log, field), kind):
             raise LogError(f"{field} {getattr(log, field)!r} must be {kind.__name__}")
-    if log.epoch_ns is not None and not (isinstance(log.epoch_ns, int) and 0 <= log.epoch_ns < _LAST_EPOCH_NS):
+    if log.epoch_ns is not None and not (
+        isinstance(log.epoch_ns, int) and 0 <= log.epoch_ns < _LAST_EPOCH_NS
+    ):
         raise LogError(f"epoch_ns {log.epoch_ns!r} must be within 0 to {_LAST_EPOCH_NS} (the year 2200)")
     if not log.vehicles:
         raise LogError("the team has 0 vehicles: it needs at least 1")

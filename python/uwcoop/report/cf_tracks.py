@@ -110,7 +110,9 @@ def _with_places(found: xr.Dataset, log: MissionLog) -> xr.Dataset:
     frame = LocalFrame(log.origin)
     try:
         attributes: dict[str, Any] = {
-            str(k): v for k, v in crs_of(frame.crs_text).to_cf().items() if isinstance(v, str | float | int | list)
+            str(k): v
+            for k, v in crs_of(frame.crs_text).to_cf().items()
+            if isinstance(v, str | float | int | list)
         }
         east_m, north_m = frame.offset_m
         places = {

@@ -156,13 +156,16 @@ def _write_tracks(result: RunResult, path: Path) -> None:
 def _write_errors(result: RunResult, path: Path) -> None:
     from uwcoop.figures.errors import errors_figure
 
-    errors_figure(result.tracks, result.packets).savefig(path)
+    errors_figure(result.tracks, result.packets, result.innovations, result.held_out or None).savefig(path)
 
 
 def _write_map(result: RunResult, path: Path) -> None:
     from uwcoop.figures.map import map_figure
 
-    map_figure(result.tracks, result.log.chart).savefig(path)
+    fixes = result.log.events.get("fix")
+    # A stream of fixes is a path of its own; where there is a truth, that shows it.
+    shown = fixes if result.log.truth is None or fixes is None or len(fixes["t_ns"]) < 500 else None
+    map_figure(result.tracks, result.log.chart, shown).savefig(path)
 
 
 def _write_covariance(result: RunResult, path: Path) -> None:

@@ -63,7 +63,10 @@ def truthless_table(
         f"{run_title(summary)}: without truth",
         caption + counterfactual_caption(summary),
         navigators,
-        {heading: {n: [cell(v) for v in block] for n, block in blocks.items()} for heading, cell in columns.items()},
+        {
+            heading: {n: [cell(v) for v in block] for n, block in blocks.items()}
+            for heading, cell in columns.items()
+        },
         not_realisable,
     )
 

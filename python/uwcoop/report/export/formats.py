@@ -30,7 +30,9 @@ class Format:
 FORMATS: dict[str, Format] = {
     "geojson": Format("GeoJSON (RFC 7946): a line for each path", places.write_geojson, geographic=True),
     "gpx": Format("GPX 1.1: a track for each path", places.write_gpx, geographic=True),
-    "kml": Format("KML 2.2: a line for each path, with times where they are known", places.write_kml, geographic=True),
+    "kml": Format(
+        "KML 2.2: a line for each path, with times where they are known", places.write_kml, geographic=True
+    ),
     "csv": Format("a row for each instant of each path", tables.write_csv),
     "tum": Format("a folder with a file of poses for each path (TUM RGB-D)", tables.write_tum, folder=True),
     "mcap": Format("MCAP of ROS 2 messages: poses, odometry, positions on Earth", ros_bag.write_mcap),

@@ -22,7 +22,9 @@ def _places(route: Route) -> list[tuple[float, float, float, float]]:
     assert route.longitude_deg is not None
     at = route.whole_seconds if route.whole_seconds.any() else slice(None)
     columns = (route.time_s, route.latitude_deg, route.longitude_deg, route.depth_m)
-    return [(t, lat, lon, depth) for t, lat, lon, depth in zip(*(c[at].tolist() for c in columns), strict=True)]
+    return [
+        (t, lat, lon, depth) for t, lat, lon, depth in zip(*(c[at].tolist() for c in columns), strict=True)
+    ]
 
 
 def write_geojson(routes: Routes, path: Path) -> None:

@@ -103,7 +103,9 @@ def _routes(tracks: xr.Dataset, wanted: Collection[str]) -> Routes:
     for j, vehicle in enumerate(str(v) for v in tracks["vehicle"].values):
         routes.append(_route(tracks, TRUTH, vehicle, j, None))
         routes += [
-            _route(tracks, name, vehicle, j, i) for i, name in enumerate(names) if not wanted or name in wanted
+            _route(tracks, name, vehicle, j, i)
+            for i, name in enumerate(names)
+            if not wanted or name in wanted
         ]
     epoch = tracks.attrs.get("epoch")
     return Routes(

@@ -75,7 +75,14 @@ def write_tum(routes: Routes, folder: Path) -> None:
         yaw = yaw_or_course(route)
         level = np.zeros((len(yaw), 2))
         table = np.column_stack(
-            [start_s + route.time_s, route.position_m, -route.depth_m, level, np.sin(yaw / 2), np.cos(yaw / 2)]
+            [
+                start_s + route.time_s,
+                route.position_m,
+                -route.depth_m,
+                level,
+                np.sin(yaw / 2),
+                np.cos(yaw / 2),
+            ]
         )
         np.savetxt(folder / file_name(route), table, fmt=["%.9f", *["%.4f"] * 3, *["%.9f"] * 4])
 
