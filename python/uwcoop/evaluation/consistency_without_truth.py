@@ -52,8 +52,8 @@ _KIND = {"fix": "fix", "water_depth": "sounding", "reception": "range"}
 def innovations_of(records: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     """The innovations that replays recorded, one row each.
 
-    Columns: `navigator`, `vehicle`, `sender` (-1: no range), `t_ns`, `kind` (a key of `DEGREES`), `fused`, `innovation_m`,
-    `sigma_m`, `squared` (NIS), `jump_m` (how far a fix moved the belief; NaN for other kinds).
+    Columns: `navigator`, `vehicle`, `sender` (-1: no range), `t_ns`, `kind` (a key of `DEGREES`), `fused`,
+    `innovation_m`, `sigma_m`, `squared` (NIS), `jump_m` (how far a fix moved the belief; NaN for other kinds).
     """
     tables = [record["innovations"] for record in records]
     names = ("vehicle", "sender", "t_ns", "fused", "innovation_m", "sigma_m", "squared", "jump_m")
@@ -101,10 +101,10 @@ def consistency(
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """What `summary.json` holds of each navigator and vehicle under `consistency`.
 
-    Keys of a vehicle: `sigma_m` (median, largest, final of the stated sigma over the instants that count), one of `DEGREES`
-    each (`innovation_fit`; `fix` also with the median and the largest jump), and `outcomes`: by kind of event, how many
-    were fused, noted, gated and rejected, from the start on. A navigator that does not say how a kind fitted has
-    `compared` 0 for it.
+    Keys of a vehicle: `sigma_m` (median, largest, final of the stated sigma over the instants that count), one of
+    `DEGREES` each (`innovation_fit`; `fix` also with the median and the largest jump), and `outcomes`: by kind of
+    event, how many were fused, noted, gated and rejected, from the start on. A navigator that does not say how a kind
+    fitted has `compared` 0 for it.
     """
     sigma, settled = stated_sigma_m(tracks), settled_instants(tracks)
     late = innovations["t_ns"] > float(tracks.attrs["settle_s"]) * 1e9

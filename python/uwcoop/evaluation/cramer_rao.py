@@ -80,8 +80,8 @@ def bound_covariance_m2(
             not fit that slope as noise.
 
     Returns:
-        (vehicles, samples, 3): ee, en, nn in m²; NaN before a vehicle's first fix. None without chart, or where the truth of a
-        vehicle is not known throughout.
+        (vehicles, samples, 3): ee, en, nn in m²; NaN before a vehicle's first fix. None without chart, or where the
+        truth of a vehicle is not known throughout.
     """
     if log.chart is None or log.truth is None:
         return None

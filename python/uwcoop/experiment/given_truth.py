@@ -201,7 +201,10 @@ def _of_topic(log: MissionLog, file: Path, topic: str) -> _Path:
 
 
 def _dataset(log: MissionLog, paths: dict[str, _Path]) -> Any:
-    """All paths on the instants of all of them, linear in between, NaN outside, in long gaps and for the other vehicles."""
+    """All paths on the instants of all of them, linear in between.
+
+    NaN outside, in long gaps and for the other vehicles.
+    """
     import xarray as xr
 
     gaps = {vehicle: _gaps(path.t_ns) for vehicle, path in paths.items()}

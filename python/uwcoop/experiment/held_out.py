@@ -99,8 +99,9 @@ def withhold(log: MissionLog, request: Request) -> tuple[MissionLog, Columns]:
 
 
 def held_out_scores(tracks: xr.Dataset, fixes: Columns) -> dict[str, dict[str, dict[str, Any]]]:
-    """By navigator and vehicle: `fixes` scored, `rms_m` of their distance from the estimate, `sigma_m` the root mean square
-    sigma of the fixes alone, and `nees`, the mean normalised square under estimate and fix together (2 is ideal).
+    """By navigator and vehicle: `fixes` scored, `rms_m` of their distance from the estimate, `sigma_m` the root mean
+    square sigma of the fixes alone, and `nees`, the mean normalised square under estimate and fix together (2 is
+    ideal).
 
     `rms_m` holds the fixes' own noise: a navigator without any error has `sigma_m`.
     """

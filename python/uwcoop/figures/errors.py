@@ -57,13 +57,14 @@ def errors_figure(
 ) -> Figure:
     """Distance from truth over time as a line in the vehicle's colour, above a band up to 2·√trace of its covariance.
 
-    Without truth of a vehicle its panels show the band, and the distance of each fix from the belief before it was used, on
-    a stem as long as 2 sigma of belief and fix together (from `innovations`, as `RunResult` has them). Fixes that were
-    `held_out` are diamonds at their distance from the estimate. Along the lower edge there is a tick for each packet that arrived, a
-    black, hanging one for a lost one, a tall one for one that the navigator refused (from `packets`; without them, from the
-    tracks' `received` and `heard`). Shaded: the time before `settle_s`, which no statistic counts, and, hatched, spans in
-    which it dead-reckons off the chart. All panels have one axis, logarithmic when the navigators differ by more than a
-    factor 12. Save with `figure.savefig(path)`; needs no display.
+    Without truth of a vehicle its panels show the band, and the distance of each fix from the belief before it was
+    used, on a stem as long as 2 sigma of belief and fix together (from `innovations`, as `RunResult` has them). Fixes
+    that were `held_out` are diamonds at their distance from the estimate. Along the lower edge there is a tick for
+    each packet that arrived, a black, hanging one for a lost one, a tall one for one that the navigator refused (from
+    `packets`; without them, from the tracks' `received` and `heard`). Shaded: the time before `settle_s`, which no
+    statistic counts, and, hatched, spans in which it dead-reckons off the chart. All panels have one axis,
+    logarithmic when the navigators differ by more than a factor 12. Save with `figure.savefig(path)`; needs no
+    display.
     """
     figure_class = matplotlib_figure()
     navigators, vehicles = ([str(n) for n in tracks[dim].values] for dim in ("navigator", "vehicle"))

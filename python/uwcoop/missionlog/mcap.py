@@ -1,8 +1,9 @@
 """A mission log on disk: one MCAP file that ROS 2 tools play, Rerun opens, and uwcoop reads back bit for bit.
 
 The profile is `ros2`: CDR messages, each type's full definition embedded (`ros2msg`), the log's times from 0
-as header stamp, and as log time from its epoch on (from 0 where that is not known). World frame `map`: local ENU metres, z up (REP 103, REP 105); body frame
-`{vehicle}/base_link`: x forward, y left. `{V}` is a vehicle's name made a valid ROS namespace.
+as header stamp, and as log time from its epoch on (from 0 where that is not known). World frame `map`: local ENU
+metres, z up (REP 103, REP 105); body frame `{vehicle}/base_link`: x forward, y left. `{V}` is a vehicle's name made a
+valid ROS namespace.
 
 | topic | type | what it carries |
 |---|---|---|
@@ -37,8 +38,8 @@ ignores. Truth goes into `log.truth` and nowhere else. A `ros2 bag play` without
 package skips that package's topics with a warning.
 
 The MCAP metadata record `uwcoop` holds name, seed, duration, vehicles, link, origin, resolved scenario, notes,
-epoch (where it is known) and the number of rows of every table (JSON); the attachment `chart` holds the chart, with its SHA-256 in the
-metadata.
+epoch (where it is known) and the number of rows of every table (JSON); the attachment `chart` holds the chart, with
+its SHA-256 in the metadata.
 
 Importers of other logs (a dive computer's CSV, a foreign bag) do not belong here: they build a `MissionLog`
 with `model.event_columns` and `model.columns`, check it with `validate`, and may write it with `write_log`.

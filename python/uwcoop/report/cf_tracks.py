@@ -1,8 +1,8 @@
 """Tracks as other programs read them: conventions CF-1.11, with latitude, longitude, depth and dates.
 
 `latitude`, `longitude`, `truth_latitude`, `truth_longitude` are there where the log's origin is known and pyproj is
-installed, `time_utc` where its epoch is. `crs` is the grid mapping: `easting` and `northing` are positions in the projection that it
-states, `position_m` the same from the local origin on.
+installed, `time_utc` where its epoch is. `crs` is the grid mapping: `easting` and `northing` are positions in the
+projection that it states, `position_m` the same from the local origin on.
 """
 
 from __future__ import annotations

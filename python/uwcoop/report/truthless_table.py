@@ -29,8 +29,8 @@ def truthless_table(
     summary: Mapping[str, Any], *, settle_s: float, not_realisable: Collection[str] = ()
 ) -> Table:
     """Stated sigma, normalised innovations by kind, jumps at fixes, what was gated, how far navigators are apart, and the
-    score of fixes that were held out; a block for each navigator, a line in it for each vehicle. Columns without any value
-    are left out.
+    score of fixes that were held out; a block for each navigator, a line in it for each vehicle. Columns without any
+    value are left out.
     """
     navigators = summary["navigators"]
     blocks = {
@@ -72,7 +72,8 @@ def truthless_table(
 
 
 def truthless_lines(summary: Mapping[str, Any], unknown: Sequence[str]) -> list[str]:
-    """What a run does not say, a line each: vehicles without truth, kinds that nobody compared or some navigators did not.
+    """What a run does not say, a line each: vehicles without truth, kinds that nobody compared or some navigators did
+    not.
 
     `unknown`: the vehicles whose truth is not known.
     """

@@ -28,7 +28,10 @@ def _places(route: Route) -> list[tuple[float, float, float, float]]:
 
 
 def write_geojson(routes: Routes, path: Path) -> None:
-    """A LineString (a Point where there is one instant only) for each path, with `times` or `times_s` in its properties."""
+    """A LineString (a Point where there is one instant only) for each path.
+
+    Its properties hold `times` or `times_s`.
+    """
     features: list[dict[str, Any]] = []
     for route in routes.routes:
         rows = _places(route)
