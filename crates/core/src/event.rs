@@ -2,6 +2,7 @@
 
 mod bounds;
 mod kind;
+mod order;
 
 use std::sync::Arc;
 
