@@ -63,7 +63,11 @@ impl LearntCurrent {
         let mean = Vector2::from(self.mean_mps);
         let updated = before - gain * before;
         let mean = mean + gain * (Vector2::from(measured_mps) - mean);
-        self.set(t_ns, mean.into(), [updated[(0, 0)], 0.5 * (updated[(0, 1)] + updated[(1, 0)]), updated[(1, 1)]]);
+        self.set(
+            t_ns,
+            mean.into(),
+            [updated[(0, 0)], 0.5 * (updated[(0, 1)] + updated[(1, 0)]), updated[(1, 1)]],
+        );
     }
 
     /// Mean and covariance at `t_ns`; `error` is that of the velocity over ground that it was learnt with.

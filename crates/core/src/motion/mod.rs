@@ -231,7 +231,9 @@ impl FrontEnd {
     }
 
     fn learn_current(&mut self, t_ns: i64) {
-        let (Some(ground), Some((through, sigma_mps))) = (self.ground, self.through_water(t_ns)) else { return };
+        let (Some(ground), Some((through, sigma_mps))) = (self.ground, self.through_water(t_ns)) else {
+            return;
+        };
         let Some((yaw_rad, yaw_m2)) = self.heading_at(t_ns).filter(|_| ground.t_ns == t_ns) else { return };
         let over = turned(ground.body_mps, yaw_rad);
         let speed2 = over[0] * over[0] + over[1] * over[1];
@@ -280,7 +282,8 @@ impl FrontEnd {
 
     /// Until when a reading holds.
     fn holds_until(&self, lock: &Lock) -> i64 {
-        let hold_s = if lock.by_odometry { self.errors.hold_s.max(1.5 * lock.interval_s) } else { self.errors.hold_s };
+        let hold_s =
+            if lock.by_odometry { self.errors.hold_s.max(1.5 * lock.interval_s) } else { self.errors.hold_s };
         lock.t_ns.saturating_add((hold_s * 1e9) as i64)
     }
 

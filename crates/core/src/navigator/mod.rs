@@ -13,6 +13,7 @@ pub mod mpf;
 pub mod origin;
 pub mod packaged;
 pub mod particle_core;
+mod particle_motion;
 pub mod profile;
 pub mod radio;
 pub mod range;

@@ -9,6 +9,16 @@ use crate::event::Kind;
 pub struct Kinds(u32);
 
 impl Kinds {
+    /// What the [motion front end](crate::motion) uses.
+    pub const MOTION: Self = Self::of(&[
+        Kind::Motion,
+        Kind::Odometry,
+        Kind::Heading,
+        Kind::TurnRate,
+        Kind::GroundVelocity,
+        Kind::WaterVelocity,
+    ]);
+
     /// These kinds.
     #[must_use]
     pub const fn of(kinds: &[Kind]) -> Self {
