@@ -13,6 +13,7 @@ pub mod kernels;
 pub mod link;
 pub mod measurement;
 pub mod mixture;
+pub mod motion;
 pub mod navigator;
 pub mod packet;
 pub mod random;

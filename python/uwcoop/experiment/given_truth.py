@@ -139,7 +139,8 @@ def _rows(log: MissionLog, place: str, where: dict[str, str]) -> _Path:
     else:
         raise LogError(
             f"truth {place}: its times are {'since 1970' if rows.clock == 'absolute' else 'times of day'}, mission "
-            f"{log.name!r} {'has no epoch' if log.epoch_ns is None else 'counts from its epoch'}: give seconds since its start"
+            f"{log.name!r} {'has no epoch' if log.epoch_ns is None else 'counts from its epoch'}: "
+            "give seconds since its start"
         )
     cells = rows.cells
     if "latitude" in cells:

@@ -43,13 +43,19 @@ class DriftOptions(NavigatorOptions, method="dead-reckoning"):
     sigma_current0_mps: float | None = FROM_CORE
     """Prior of the current, per axis."""
     sigma_heading_bias0_rad: float | None = FROM_CORE
-    """Prior of the compass bias; read where biases are states."""
+    """Prior of the compass bias; read where biases are states, and of velocities over ground."""
     sigma_thrust_bias0_mps: float | None = FROM_CORE
     """Prior of the thrust bias; read where biases are states."""
     sigma_heading_bias_rad_per_sqrt_s: float = FROM_CORE
     """Random walk of the compass bias; read where biases are states."""
     sigma_thrust_bias_mps_per_sqrt_s: float = FROM_CORE
     """Random walk of the thrust bias; read where biases are states."""
+    sigma_dvl_scale: float = FROM_CORE
+    """Sigma of the scale of a DVL's velocities."""
+    sigma_dvl_misalignment_rad: float = FROM_CORE
+    """Sigma of the angle between DVL and compass."""
+    dvl_hold_s: float = FROM_CORE
+    """A velocity of a DVL, a water lock or odometry holds for so long after its reading."""
 
 
 class DeadReckoningOptions(DriftOptions, method="dead-reckoning"):

@@ -51,14 +51,17 @@ def truthless_table(
         if any(applies(vehicle) for vehicle in every)
     }
     caption = (
-        f"After {settle_s:g} s. σ: root of the trace of the stated covariance. NIS: normalised innovation squared by degree "
-        f"of freedom, before use, gated ones included (how many): 1 is ideal, ▲ above {OVERCONFIDENT_NIS:g}, "
+        f"After {settle_s:g} s. σ: root of the trace of the stated covariance. NIS: normalised innovation squared by "
+        f"degree of freedom, before use, gated ones included (how many): 1 is ideal, ▲ above {OVERCONFIDENT_NIS:g}, "
         f"▽ below {CONSERVATIVE_NIS:g}; neighbours share errors, so a mean scatters more than independent ones would."
     )
     if "apart" in columns:
         caption += " Apart: the navigator that is most often beyond both 95 % ellipses, and how often."
     if any(vehicle["held_out"] for vehicle in every):
-        caption += " Held out: rms distance of the withheld fixes (their own σ), and their NEES with the fix's noise, 2 is ideal."
+        caption += (
+            " Held out: rms distance of the withheld fixes (their own σ), "
+            "and their NEES with the fix's noise, 2 is ideal."
+        )
     return block_table(
         f"{run_title(summary)}: without truth",
         caption + counterfactual_caption(summary),

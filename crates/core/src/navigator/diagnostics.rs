@@ -23,6 +23,7 @@ pub struct GatedCounts {
     soundings: u64,
     ranges: u64,
     packets: u64,
+    velocities: u64,
 }
 
 impl GatedCounts {
@@ -30,6 +31,7 @@ impl GatedCounts {
     pub fn count(&mut self, payload: &Payload, outcome: Outcome, more: u64) {
         match payload {
             Payload::Fix { .. } => self.fixes += more,
+            Payload::GroundVelocity { .. } | Payload::Odometry { .. } => self.velocities += more,
             Payload::WaterDepth { .. } => self.soundings += more,
             Payload::Reception { .. } if outcome == Outcome::Rejected => self.packets += more,
             Payload::Reception { .. } => self.ranges += more,
@@ -39,12 +41,13 @@ impl GatedCounts {
 
     /// By name.
     #[must_use]
-    pub fn diagnostics(&self) -> [(&'static str, f64); 4] {
+    pub fn diagnostics(&self) -> [(&'static str, f64); 5] {
         [
             ("gated_fixes", self.fixes as f64),
             ("gated_soundings", self.soundings as f64),
             ("gated_ranges", self.ranges as f64),
             ("rejected_packets", self.packets as f64),
+            ("gated_velocities", self.velocities as f64),
         ]
     }
 }

@@ -253,10 +253,6 @@ impl Dmpf {
     /// What one event does once the clock has been advanced to it.
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.state.core.velocity_mps = *velocity_mps;
-                Outcome::Fused
-            }
             Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
                 self.state.radio.set_depth(*depth_m);
                 Outcome::Fused
@@ -272,7 +268,7 @@ impl Dmpf {
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
                 self.reception(*sender, *tol_ns, *toa_ns, bytes)
             }
-            _ => Outcome::Noted,
+            other => self.state.core.take_motion(event.t_ns, other).0,
         }
     }
 }
@@ -282,6 +278,10 @@ impl Navigator for Dmpf {
         check_event(event, self.own, self.state.core.now_ns())?;
         self.state.radio.check_sender(&event.payload)?;
         self.state.core.innovation = LastInnovation::default();
+        if let Some(end_ns) = self.state.core.motion_ends_before(event.t_ns) {
+            self.state.core.advance(end_ns);
+            self.state.core.follow_motion(end_ns);
+        }
         self.state.core.advance(event.t_ns);
         let rejected_before = self.state.core.rejected;
         let outcome = self.fuse_event(event);
@@ -306,7 +306,7 @@ impl Navigator for Dmpf {
 
     fn profile(&self) -> Profile {
         let ranges = self.options.range.is_some();
-        let uses = Kinds::of(&[Kind::Motion, Kind::Fix]).with(Kind::WaterDepth, self.options.terrain);
+        let uses = Kinds::MOTION.with(Kind::Fix, true).with(Kind::WaterDepth, self.options.terrain);
         let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
         Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }

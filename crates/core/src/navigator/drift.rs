@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::settings::{DriftSettings, check_all};
 use crate::error::Error;
 use crate::kernels::particles::MAX_LINEAR;
+use crate::motion::DvlErrors;
 
 /// How a vehicle's dead reckoning drifts. Random walks are per root second.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -24,6 +25,8 @@ pub struct Drift {
     pub sigma_thrust_bias0_mps: f64,
     /// Its walk, m/s/√s.
     pub sigma_thrust_bias_mps_per_sqrt_s: f64,
+    /// Of a DVL, where the vehicle has one.
+    pub dvl: DvlErrors,
 }
 
 impl Drift {
@@ -42,6 +45,9 @@ impl Drift {
                 ("sigma_heading_bias_rad_per_sqrt_s", self.sigma_heading_bias_rad_per_sqrt_s),
                 ("sigma_thrust_bias0_mps", self.sigma_thrust_bias0_mps),
                 ("sigma_thrust_bias_mps_per_sqrt_s", self.sigma_thrust_bias_mps_per_sqrt_s),
+                ("sigma_dvl_scale", self.dvl.sigma_scale),
+                ("sigma_dvl_misalignment_rad", self.dvl.sigma_misalignment_rad),
+                ("dvl_hold_s", self.dvl.hold_s),
             ],
         )
     }

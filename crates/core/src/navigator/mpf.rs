@@ -177,7 +177,7 @@ impl<const K: usize> Navigator for Mpf<K> {
 
     fn profile(&self) -> Profile {
         let ranges = self.options.range.is_some();
-        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = Kinds::MOTION.with(Kind::Fix, true).with(Kind::WaterDepth, true);
         let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
         Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }

@@ -17,6 +17,7 @@ use crate::kernels::particles::{ParticleStep, displacement_map, prepare_step};
 use crate::kernels::weights::weighted_covariance;
 use crate::measurement::fix;
 use crate::measurement::sounding::neutral_log_likelihood;
+use crate::motion::FrontEnd;
 use crate::random::{Purpose, Stream, Streams};
 
 /// Particles for the position, one Gaussian of linear states for each (its covariance common to all), and the clock.
@@ -26,7 +27,7 @@ pub struct ParticleCore<const K: usize> {
     pub cloud: Cloud<K>,
     /// Covariance of the linear states.
     pub covariance: SMatrix<f64, K, K>,
-    /// Commanded velocity in force, m/s.
+    /// Velocity in force, m/s: commanded, or what the [front end](crate::motion) makes of the sensors.
     pub velocity_mps: [f64; 2],
     /// Recent displacement; none before the first event.
     pub trajectory: Option<Trajectory>,
@@ -43,7 +44,10 @@ pub struct ParticleCore<const K: usize> {
     pub gated: GatedCounts,
     /// How often fixes that insisted scattered the cloud anew.
     pub restarts: u32,
-    drift: Drift,
+    /// For a velocity through the water.
+    pub(super) drift: Drift,
+    pub(super) motion: FrontEnd,
+    pub(super) drift_in_force: Drift,
     streams: Streams,
     step: u32,
     contradicting_fixes: u32,
@@ -71,6 +75,8 @@ impl<const K: usize> ParticleCore<K> {
             gated: GatedCounts::default(),
             information_nat: f64::NAN,
             restarts: 0,
+            motion: FrontEnd::new(&drift),
+            drift_in_force: drift,
             drift,
             streams,
             step: 0,
@@ -144,13 +150,14 @@ impl<const K: usize> ParticleCore<K> {
                 &mut self.covariance,
                 self.velocity_mps,
                 dt_s,
-                self.drift.position_walk(dt_s),
-                &self.drift.walk(dt_s),
+                self.drift_in_force.position_walk(dt_s),
+                &self.drift_in_force.walk(dt_s),
             );
             let stream = self.next_stream(Purpose::Process);
             self.cloud.propagate(&step, &stream);
             made = Some(step);
         }
+        self.motion.moved([self.velocity_mps[0] * dt_s, self.velocity_mps[1] * dt_s]);
         if let Some(trajectory) = &mut self.trajectory {
             trajectory.advance(t_ns, mean_step);
         }
@@ -259,7 +266,7 @@ impl<const K: usize> ParticleCore<K> {
         let u = Vector2::from(direction);
         let position_m2 = (u.transpose() * Matrix2::new(ee, en, en, nn) * u)[0];
         let drift_m2 = (u.transpose() * drift * u)[0].max(0.0);
-        let [walk_ee, walk_en, walk_nn] = self.drift.position_walk(dt_s);
+        let [walk_ee, walk_en, walk_nn] = self.drift_in_force.position_walk(dt_s);
         let scale = (position_m2 * drift_m2).sqrt();
         Growth {
             correlation: if scale > 0.0 {
@@ -297,7 +304,7 @@ impl<const K: usize> ParticleCore<K> {
             estimate.mean_m[a] += self.velocity_mps[a] * dt_s + moved[a];
         }
         let added = drift + coupled + coupled.transpose();
-        let walk = self.drift.position_walk(dt_s);
+        let walk = self.drift_in_force.position_walk(dt_s);
         estimate.covariance_m2[0] += added[(0, 0)] + walk[0];
         estimate.covariance_m2[1] += added[(0, 1)] + walk[1];
         estimate.covariance_m2[2] += added[(1, 1)] + walk[2];

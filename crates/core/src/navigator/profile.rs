@@ -6,9 +6,19 @@ use crate::event::Kind;
 
 /// A set of kinds of events.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Kinds(u16);
+pub struct Kinds(u32);
 
 impl Kinds {
+    /// What the [motion front end](crate::motion) uses.
+    pub const MOTION: Self = Self::of(&[
+        Kind::Motion,
+        Kind::Odometry,
+        Kind::Heading,
+        Kind::TurnRate,
+        Kind::GroundVelocity,
+        Kind::WaterVelocity,
+    ]);
+
     /// These kinds.
     #[must_use]
     pub const fn of(kinds: &[Kind]) -> Self {

@@ -37,6 +37,15 @@ impl Trajectory {
         self.past.push_back((t_ns, self.displacement_m));
     }
 
+    /// Moves the present by `by_m`, not what was before.
+    pub fn shift(&mut self, by_m: [f64; 2]) {
+        self.displacement_m[0] += by_m[0];
+        self.displacement_m[1] += by_m[1];
+        if let Some(last) = self.past.back_mut() {
+            last.1 = self.displacement_m;
+        }
+    }
+
     /// Time of the last step, ns.
     #[must_use]
     pub fn now_ns(&self) -> i64 {

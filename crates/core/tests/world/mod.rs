@@ -61,6 +61,7 @@ pub fn drift() -> Drift {
         sigma_heading_bias_rad_per_sqrt_s: 1e-5,
         sigma_thrust_bias0_mps: 0.1,
         sigma_thrust_bias_mps_per_sqrt_s: 1e-4,
+        dvl: Default::default(),
     }
 }
 

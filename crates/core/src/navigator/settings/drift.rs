@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::{Bound, Bounded, Context, Made, Settings, Unread};
 use crate::chart::Chart;
 use crate::error::Error;
+use crate::motion::DvlErrors;
 use crate::navigator::dead_reckoning::DeadReckoning;
 use crate::navigator::drift::Drift;
 
@@ -75,10 +76,17 @@ pub struct DriftSettings {
     pub sigma_heading_bias_rad_per_sqrt_s: f64,
     /// Walk of the thrust bias, m/s/√s.
     pub sigma_thrust_bias_mps_per_sqrt_s: f64,
+    /// Scale of the velocities of a DVL.
+    pub sigma_dvl_scale: f64,
+    /// Angle between DVL and compass, rad.
+    pub sigma_dvl_misalignment_rad: f64,
+    /// A velocity of a DVL holds for so long, s.
+    pub dvl_hold_s: f64,
 }
 
 impl Default for DriftSettings {
     fn default() -> Self {
+        let dvl = DvlErrors::default();
         Self {
             drift: DriftPreset::NoDvl,
             sigma_position_m_per_sqrt_s: None,
@@ -88,6 +96,9 @@ impl Default for DriftSettings {
             sigma_thrust_bias0_mps: None,
             sigma_heading_bias_rad_per_sqrt_s: 1e-5,
             sigma_thrust_bias_mps_per_sqrt_s: 1e-4,
+            sigma_dvl_scale: dvl.sigma_scale,
+            sigma_dvl_misalignment_rad: dvl.sigma_misalignment_rad,
+            dvl_hold_s: dvl.hold_s,
         }
     }
 }
@@ -100,6 +111,11 @@ impl DriftSettings {
             .into_iter()
             .chain([BIAS_OPTIONS[1], BIAS_OPTIONS[3]])
             .map(|o| (o, Bound::NON_NEGATIVE))
+            .chain([
+                ("sigma_dvl_scale", Bound::between(0.0, 0.5, "0 to 0.5")),
+                ("sigma_dvl_misalignment_rad", Bound::between(0.0, 1.0, "0 to 1")),
+                ("dvl_hold_s", Bound::between(0.1, 60.0, "0.1 to 60")),
+            ])
             .collect()
     }
 
@@ -133,6 +149,11 @@ impl DriftSettings {
             sigma_heading_bias_rad_per_sqrt_s: self.sigma_heading_bias_rad_per_sqrt_s,
             sigma_thrust_bias0_mps: thrust0,
             sigma_thrust_bias_mps_per_sqrt_s: self.sigma_thrust_bias_mps_per_sqrt_s,
+            dvl: DvlErrors {
+                sigma_scale: self.sigma_dvl_scale,
+                sigma_misalignment_rad: self.sigma_dvl_misalignment_rad,
+                hold_s: self.dvl_hold_s,
+            },
         }
     }
 }

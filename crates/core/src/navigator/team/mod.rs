@@ -122,6 +122,7 @@ impl<const K: usize> Team<K> {
                 history: PositionHistory::default(),
                 current: (options.current_difference < 1.0)
                     .then(|| SharedCurrent::new(options.terrain.particles, vehicles)),
+                current_given_up: false,
                 sigma_sounding_m: None,
                 referee: Referee::default(),
                 ranges: RangeRecord::default(),
@@ -178,10 +179,6 @@ impl<const K: usize> Team<K> {
     /// What one event does once the clock has been advanced to it.
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.terrain.state.core.velocity_mps = *velocity_mps;
-                Outcome::Fused
-            }
             Payload::Depth { depth_m, .. } if self.options.use_ranges => {
                 self.radio.set_depth(*depth_m);
                 Outcome::Fused
@@ -193,7 +190,7 @@ impl<const K: usize> Team<K> {
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
                 self.reception(*sender, *tol_ns, *toa_ns, bytes)
             }
-            _ => Outcome::Noted,
+            other => self.motion(event.t_ns, other),
         }
     }
 }
@@ -204,6 +201,10 @@ impl<const K: usize> Navigator for Team<K> {
         self.radio.check_sender(&event.payload)?;
         if let Some(lone) = &mut self.lone {
             lone.handle(event);
+        }
+        if let Some(end_ns) = self.terrain.state.core.motion_ends_before(event.t_ns) {
+            self.state.outgoing.advance(end_ns, self.terrain.state.core.velocity_mps);
+            self.advance(end_ns);
         }
         self.state.outgoing.advance(event.t_ns, self.terrain.state.core.velocity_mps);
         self.terrain.state.core.innovation = LastInnovation::default();
@@ -251,7 +252,11 @@ impl<const K: usize> Navigator for Team<K> {
         let (terrain, radio, state, lone): Snapshot<K> = load(snapshot)?;
         self.terrain.check_same(&terrain)?;
         self.radio.check_same(&radio)?;
-        self.state.check_same(&state, self.options.terrain.particles)?;
+        self.state.check_same(
+            &state,
+            self.options.terrain.particles,
+            self.options.current_difference < 1.0,
+        )?;
         match (&mut self.lone, lone) {
             (None, None) => {}
             (Some(lone), Some(theirs)) => {
@@ -268,7 +273,7 @@ impl<const K: usize> Navigator for Team<K> {
 
     fn profile(&self) -> Profile {
         let ranges = self.options.use_ranges;
-        let uses = Kinds::of(&[Kind::Motion, Kind::Fix, Kind::WaterDepth]);
+        let uses = Kinds::MOTION.with(Kind::Fix, true).with(Kind::WaterDepth, true);
         let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
         Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }

@@ -92,6 +92,13 @@ impl OutgoingData {
         }
     }
 
+    /// Odometry corrects where the vehicle has come to.
+    pub fn shift(&mut self, by_m: [f64; 2]) {
+        if let Some(track) = &mut self.track {
+            track.shift(by_m);
+        }
+    }
+
     /// A sounding.
     pub fn sounding(&mut self, t_ns: i64, water_depth_m: f64) {
         if self.soundings.len() == SOUNDINGS_KEPT {

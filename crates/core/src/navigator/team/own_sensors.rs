@@ -2,7 +2,7 @@
 
 use super::Team;
 use super::shared_current::SharedCurrent;
-use crate::event::seconds;
+use crate::event::{Payload, seconds};
 use crate::navigator::{Outcome, Status};
 
 impl<const K: usize> Team<K> {
@@ -25,6 +25,24 @@ impl<const K: usize> Team<K> {
         if step.is_some() && self.options.use_ranges && !self.terrain.acquiring() {
             self.state.history.remember(t_ns, &core.cloud.east, &core.cloud.north);
         }
+    }
+
+    /// Share of a teammate's current that is its own.
+    pub(super) fn current_difference(&self) -> f64 {
+        if self.state.current.is_some() { self.options.current_difference.min(1.0) } else { 1.0 }
+    }
+
+    /// What says something of the motion.
+    pub(super) fn motion(&mut self, t_ns: i64, payload: &Payload) -> Outcome {
+        let (outcome, shift) = self.terrain.take_motion(t_ns, payload);
+        if let Some(by_m) = shift {
+            self.state.outgoing.shift(by_m);
+        }
+        if self.terrain.state.core.over_ground() {
+            // The error of a DVL is no current that teammates could share.
+            self.state.current_given_up |= self.state.current.take().is_some();
+        }
+        outcome
     }
 
     pub(super) fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {

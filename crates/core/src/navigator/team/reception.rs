@@ -131,8 +131,8 @@ impl<const K: usize> Team<K> {
             fix.sigma_m,
             fix.sigma_m,
             shared_m.min(prior_m),
-            drift.sigma_current0_mps * self.options.current_difference,
-            drift.sigma_current0_mps * self.options.current_difference,
+            drift.sigma_current0_mps * self.current_difference(),
+            drift.sigma_current0_mps * self.current_difference(),
             drift.sigma_heading_bias0_rad,
             drift.sigma_thrust_bias0_mps,
         ];
@@ -155,7 +155,7 @@ impl<const K: usize> Team<K> {
         let contradicting_fixes = self.weigh_up_fix(index, base, sender, tol_ns, &mate);
         let shift_m = self.depth_shift(index, base, tol_ns, &mate);
         let mut drift = self.options.drifts[usize::from(sender)];
-        let share = self.options.current_difference.min(1.0);
+        let share = self.current_difference();
         drift.sigma_current_mps_per_sqrt_s *= share;
         if let (Some(current), Some(now_ns)) = (&mut self.state.current, self.terrain.state.core.now_ns()) {
             let linear = &self.terrain.state.core.cloud.linear;

@@ -184,6 +184,7 @@ mod tests {
         sigma_heading_bias_rad_per_sqrt_s: 1e-3,
         sigma_thrust_bias0_mps: 0.1,
         sigma_thrust_bias_mps_per_sqrt_s: 2e-3,
+        dvl: crate::motion::DvlErrors { sigma_scale: 0.0, sigma_misalignment_rad: 0.0, hold_s: 1.0 },
     };
 
     /// Steps of a mission: duration and commanded velocity.

@@ -38,6 +38,8 @@ pub struct TeamState<const K: usize> {
     pub history: PositionHistory,
     /// The current as vehicles share it.
     pub current: Option<SharedCurrent<K>>,
+    /// It was shared until a velocity over ground came.
+    pub current_given_up: bool,
     /// What the own echo sounder states, m.
     pub sigma_sounding_m: Option<f64>,
     /// Whether the lone filter is better.
@@ -51,7 +53,7 @@ impl<const K: usize> TeamState<K> {
     ///
     /// # Errors
     /// [`Error::Snapshot`].
-    pub fn check_same(&self, other: &Self, particles: usize) -> Result<(), Error> {
+    pub fn check_same(&self, other: &Self, particles: usize, shares_current: bool) -> Result<(), Error> {
         let refused = || Err(Error::Snapshot("made with another team".into()));
         if other.groups.len() != self.groups.len() || other.mates.len() != self.mates.len() {
             return refused();
@@ -61,7 +63,7 @@ impl<const K: usize> TeamState<K> {
         }
         let shared = other.current.as_ref().map(|c| c.fits(particles, self.mates.len()));
         if !other.history.fits(particles)
-            || shared.is_some() != self.current.is_some()
+            || (shared.is_some() || other.current_given_up) != shares_current
             || shared == Some(false)
         {
             return refused();

@@ -7,7 +7,7 @@ use super::search_region::SearchRegion;
 use super::{TerrainCore, TerrainState};
 use crate::cloud::Cloud;
 use crate::error::Error;
-use crate::event::seconds;
+use crate::event::{Payload, seconds};
 use crate::kernels::likelihood::{OffsetModel, RangeBelief};
 use crate::kernels::particles::ParticleStep;
 use crate::navigator::{Outcome, Status};
@@ -42,17 +42,57 @@ impl<const K: usize> TerrainCore<K> {
     }
 
     /// Advances the core, and a search with it; the step that the particles made, if any.
+    ///
+    /// Where the velocity in force ends to hold before `t_ns`, the last of two steps is given.
     pub fn advance(&mut self, t_ns: i64) -> Option<ParticleStep<K>> {
+        if let Some(end_ns) = self.state.core.motion_ends_before(t_ns) {
+            let step = self.step(end_ns);
+            let widened = self.state.core.follow_motion(end_ns);
+            self.widen_search(widened);
+            if end_ns == t_ns {
+                return step;
+            }
+        }
+        self.step(t_ns)
+    }
+
+    /// What an event says of the motion: outcome, and by how much odometry moved the particles.
+    pub fn take_motion(&mut self, t_ns: i64, payload: &Payload) -> (Outcome, Option<[f64; 2]>) {
+        let (outcome, widened, shift) = self.state.core.take_motion(t_ns, payload);
+        self.widen_search(widened);
+        if let Some(by_m) = shift {
+            if let Some(region) = &mut self.state.region {
+                region.shift(by_m);
+            }
+            if let Some(acquisition) = &mut self.state.acquisition {
+                acquisition.shift(by_m);
+            }
+        }
+        (outcome, shift)
+    }
+
+    /// The error of the velocity may be larger than a search has learnt, by this on each axis, m²/s².
+    fn widen_search(&mut self, widened: Option<f64>) {
+        let Some(more) = widened else { return };
+        if let Some(region) = &mut self.state.region {
+            region.widen(more);
+        }
+        if let Some(acquisition) = &mut self.state.acquisition {
+            acquisition.widen(more);
+        }
+    }
+
+    fn step(&mut self, t_ns: i64) -> Option<ParticleStep<K>> {
         let before_ns = self.state.core.now_ns();
         let step = self.state.core.advance(t_ns);
         let dt_s = before_ns.map_or(0.0, |before_ns| seconds(t_ns.saturating_sub(before_ns)));
         if dt_s > 0.0 {
-            let (velocity, drift) = (self.state.core.velocity_mps, &self.options.drift);
+            let (velocity, drift) = (self.state.core.velocity_mps, *self.state.core.drift_in_force());
             if let Some(region) = &mut self.state.region {
-                region.advance(velocity, dt_s, drift);
+                region.advance(velocity, dt_s, &drift);
             }
             if let Some(acquisition) = &mut self.state.acquisition {
-                acquisition.advance(velocity, dt_s, drift, &mut self.state.core);
+                acquisition.advance(velocity, dt_s, &drift, &mut self.state.core);
             }
         }
         step

@@ -120,6 +120,18 @@ impl<const K: usize> Acquisition<K> {
         Err(Error::Snapshot("its particles of the acquisition differ in length".into()))
     }
 
+    /// Moves its particles by `by_m`.
+    pub fn shift(&mut self, by_m: [f64; 2]) {
+        self.cloud.east.iter_mut().for_each(|e| *e += by_m[0]);
+        self.cloud.north.iter_mut().for_each(|n| *n += by_m[1]);
+    }
+
+    /// The error of the velocity may be larger by `more`, m²/s² on each axis.
+    pub fn widen(&mut self, more: f64) {
+        self.covariance[(0, 0)] += more;
+        self.covariance[(1, 1)] += more;
+    }
+
     /// Area that the particles occupy, and their spacing.
     fn measure(&mut self) {
         let cell = |x: f64| u64::from((x / CELL_M).floor() as i32 as u32);

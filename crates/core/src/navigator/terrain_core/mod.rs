@@ -138,10 +138,6 @@ impl<const K: usize> TerrainCore<K> {
     pub fn handle(&mut self, event: &Event) -> Outcome {
         self.advance(event.t_ns);
         match &event.payload {
-            Payload::Motion { velocity_mps } => {
-                self.state.core.velocity_mps = *velocity_mps;
-                Outcome::Fused
-            }
             Payload::Fix { position_m, covariance_m2 } => {
                 let outcome = self.weigh_fix(*position_m, *covariance_m2);
                 self.resample();
@@ -156,7 +152,7 @@ impl<const K: usize> TerrainCore<K> {
                 }
                 outcome
             }
-            _ => Outcome::Noted,
+            other => self.take_motion(event.t_ns, other).0,
         }
     }
 

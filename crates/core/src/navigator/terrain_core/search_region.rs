@@ -76,6 +76,17 @@ impl<const K: usize> SearchRegion<K> {
         self.covariance += drift.walk::<K>(dt_s);
     }
 
+    /// Moves it by `by_m`.
+    pub fn shift(&mut self, by_m: [f64; 2]) {
+        self.mean_m += Vector2::from(by_m);
+    }
+
+    /// The error of the velocity may be larger by `more`, m²/s² on each axis.
+    pub fn widen(&mut self, more: f64) {
+        self.covariance[(0, 0)] += more;
+        self.covariance[(1, 1)] += more;
+    }
+
     /// Updates it by a fix.
     pub fn fix(&mut self, position_m: [f64; 2], [ee, en, nn]: [f64; 3]) {
         let Some(inverse) = (self.position + Matrix2::new(ee, en, en, nn)).try_inverse() else { return };
