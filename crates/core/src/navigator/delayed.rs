@@ -21,7 +21,7 @@ use super::settings::{Bound, Bounded, check_all};
 use super::snapshot::{load, save};
 use super::{Estimate, Navigator, Outcome, Particles, Profile, check_event};
 use crate::error::Error;
-use crate::event::{Event, VehicleId};
+use crate::event::{Event, Payload, VehicleId};
 use window::{Step, Window};
 
 /// What becomes of an event that is older than the navigator's time.
@@ -33,6 +33,9 @@ pub enum Late {
     Refuse,
     /// It takes its place, and what came after it is done again.
     Replay,
+    /// A position, a range or a packet is used now, moved along and less certain by what has happened since; what else
+    /// comes late is rejected and counted.
+    Inflate,
 }
 
 /// How late events are taken up.
@@ -79,6 +82,41 @@ impl<N: Navigator> Delayed<N> {
     /// The navigator itself.
     pub fn inner(&self) -> &N {
         &self.inner
+    }
+
+    fn too_late(&mut self) -> Outcome {
+        self.window.rejected = self.window.rejected.saturating_add(1);
+        Outcome::Rejected
+    }
+
+    /// Hands an event over now, though it may be late; see [`Late::Inflate`].
+    fn handle_now(&mut self, event: &Event) -> Result<Outcome, Error> {
+        check_event(event, self.own, None)?;
+        let Some(now_ns) = self.window.newest_ns.filter(|now_ns| event.t_ns < *now_ns) else {
+            let outcome = self.inner.handle(event)?;
+            self.window.newest_ns = Some(event.t_ns);
+            return Ok(outcome);
+        };
+        let payload = match &event.payload {
+            Payload::Fix { position_m, covariance_m2 } => Payload::Usbl {
+                measured_ns: event.t_ns,
+                position_m: *position_m,
+                covariance_m2: *covariance_m2,
+            },
+            Payload::Usbl { .. } | Payload::BeaconRange { .. } | Payload::Reception { .. } => {
+                event.payload.clone()
+            }
+            _ => return Ok(self.too_late()),
+        };
+        let old = now_ns.saturating_sub(event.t_ns) > self.lag_ns();
+        if old || !self.inner.profile().uses.contains(payload.kind()) {
+            return Ok(self.too_late());
+        }
+        let outcome = self.inner.handle(&Event { t_ns: now_ns, vehicle: event.vehicle, payload })?;
+        if outcome == Outcome::Fused {
+            self.window.inflated = self.window.inflated.saturating_add(1);
+        }
+        Ok(outcome)
     }
 
     fn lag_ns(&self) -> i64 {
@@ -168,10 +206,12 @@ impl<N: Navigator> Navigator for Delayed<N> {
         if self.options.late == Late::Refuse {
             return self.inner.handle(event);
         }
+        if self.options.late == Late::Inflate {
+            return self.handle_now(event);
+        }
         check_event(event, self.own, None)?;
         if !self.window.reaches(event.t_ns, self.lag_ns()) {
-            self.window.rejected = self.window.rejected.saturating_add(1);
-            return Ok(Outcome::Rejected);
+            return Ok(self.too_late());
         }
         match self.take(Step::Event(event.clone()))? {
             Given::Outcome(outcome) => Ok(outcome),
@@ -180,7 +220,7 @@ impl<N: Navigator> Navigator for Delayed<N> {
     }
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
-        if self.options.late == Late::Refuse || !self.window.reaches(tol_ns, self.lag_ns()) {
+        if self.options.late != Late::Replay || !self.window.reaches(tol_ns, self.lag_ns()) {
             return self.inner.transmit(tol_ns, capacity_bytes);
         }
         match self.take(Step::Launch { tol_ns, capacity_bytes, sent: None, outdated: false })? {
@@ -235,7 +275,9 @@ impl<N: Navigator> Navigator for Delayed<N> {
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
         let mut columns = self.inner.diagnostics();
         if self.options.late != Late::Refuse {
-            columns.push(("late_replayed", self.window.replayed as f64));
+            let inflates = self.options.late == Late::Inflate;
+            let used = if inflates { self.window.inflated } else { self.window.replayed };
+            columns.push((if inflates { "late_inflated" } else { "late_replayed" }, used as f64));
             columns.push(("late_rejected", self.window.rejected as f64));
             columns.push(("late_packets_outdated", self.window.outdated as f64));
         }

@@ -30,11 +30,11 @@ impl GatedCounts {
     /// Counts what became of an event, of which `more` measurements were gated or packets rejected.
     pub fn count(&mut self, payload: &Payload, outcome: Outcome, more: u64) {
         match payload {
-            Payload::Fix { .. } => self.fixes += more,
+            Payload::Fix { .. } | Payload::Usbl { .. } => self.fixes += more,
             Payload::GroundVelocity { .. } | Payload::Odometry { .. } => self.velocities += more,
             Payload::WaterDepth { .. } => self.soundings += more,
             Payload::Reception { .. } if outcome == Outcome::Rejected => self.packets += more,
-            Payload::Reception { .. } => self.ranges += more,
+            Payload::Reception { .. } | Payload::BeaconRange { .. } => self.ranges += more,
             _ => {}
         }
     }

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::diagnostics::teammates;
 use super::drift::Drift;
+use super::from_outside::BeaconOptions;
 use super::last_heard::LastHeard;
 use super::particle_core::ParticleCore;
 use super::radio::Radio;
@@ -117,6 +118,9 @@ impl Dmpf {
         if let Some(sigma_m) = options.update_entropy_sigma_m {
             check_all(&DmpfSettings::bounds(), &[("update_entropy_sigma_m", sigma_m)])?;
             core.cloud.measure_information(sigma_m);
+        }
+        if let Some(range) = &options.range {
+            core.stations.options = BeaconOptions::of(range.clock, range.gate_sigmas, sound_speed_mps);
         }
         Ok(Self {
             own,
@@ -253,9 +257,15 @@ impl Dmpf {
     /// What one event does once the clock has been advanced to it.
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
-            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
+            Payload::Depth { depth_m, .. } => {
                 self.state.radio.set_depth(*depth_m);
+                self.state.core.set_depth(*depth_m);
                 Outcome::Fused
+            }
+            Payload::Usbl { .. } | Payload::BeaconRange { .. } => {
+                let outcome = self.state.core.station(&event.payload);
+                self.resample();
+                outcome
             }
             Payload::Fix { position_m, covariance_m2 } => {
                 let outcome = self.state.core.fix(*position_m, *covariance_m2);
@@ -278,11 +288,7 @@ impl Navigator for Dmpf {
         check_event(event, self.own, self.state.core.now_ns())?;
         self.state.radio.check_sender(&event.payload)?;
         self.state.core.innovation = LastInnovation::default();
-        if let Some(end_ns) = self.state.core.motion_ends_before(event.t_ns) {
-            self.state.core.advance(end_ns);
-            self.state.core.follow_motion(end_ns);
-        }
-        self.state.core.advance(event.t_ns);
+        self.state.core.advance_following(event.t_ns);
         let rejected_before = self.state.core.rejected;
         let outcome = self.fuse_event(event);
         self.state.core.count_gated(&event.payload, outcome, rejected_before);
@@ -307,7 +313,7 @@ impl Navigator for Dmpf {
     fn profile(&self) -> Profile {
         let ranges = self.options.range.is_some();
         let uses = Kinds::MOTION.with(Kind::Fix, true).with(Kind::WaterDepth, self.options.terrain);
-        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        let uses = uses.and(Kinds::STATIONS).with(Kind::Reception, ranges);
         Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 

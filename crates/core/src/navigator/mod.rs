@@ -7,6 +7,7 @@ pub mod delayed;
 pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
+pub mod from_outside;
 pub mod innovation;
 pub mod landmark;
 pub mod last_heard;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::diagnostics::teammates;
+use super::from_outside::BeaconOptions;
 use super::last_heard::LastHeard;
 use super::radio::{HeardBelief, Radio};
 use super::range::{RangeMethod, RangeOptions};
@@ -66,10 +67,14 @@ impl<const K: usize> Mpf<K> {
         if let Some(range) = &options.range {
             range.validate()?;
         }
+        let mut terrain = TerrainCore::new(own, options.terrain, chart, seed)?;
+        if let Some(range) = &options.range {
+            terrain.set_beacons(BeaconOptions::of(range.clock, range.gate_sigmas, sound_speed_mps));
+        }
         Ok(Self {
             own,
             options,
-            terrain: TerrainCore::new(own, options.terrain, chart, seed)?,
+            terrain,
             link: LinkState {
                 radio: Radio::new(own, vehicles, sound_speed_mps)?,
                 last_heard: LastHeard::new(vehicles),
@@ -142,9 +147,9 @@ impl<const K: usize> Mpf<K> {
     /// What one event does once the clock has been advanced to it.
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
-            Payload::Depth { depth_m, .. } if self.options.range.is_some() => {
+            Payload::Depth { depth_m, .. } => {
                 self.link.radio.set_depth(*depth_m);
-                Outcome::Fused
+                self.terrain.handle(event)
             }
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {
                 self.reception(*sender, *tol_ns, *toa_ns, bytes)
@@ -178,7 +183,7 @@ impl<const K: usize> Navigator for Mpf<K> {
     fn profile(&self) -> Profile {
         let ranges = self.options.range.is_some();
         let uses = Kinds::MOTION.with(Kind::Fix, true).with(Kind::WaterDepth, true);
-        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        let uses = uses.and(Kinds::STATIONS).with(Kind::Reception, ranges);
         Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 

@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::diagnostics::GatedCounts;
 use super::drift::Drift;
+use super::from_outside::Stations;
 use super::range_novelty::Growth;
 use super::settings::check_all;
 use super::settings::terrain::PARTICLES;
@@ -48,6 +49,7 @@ pub struct ParticleCore<const K: usize> {
     pub(super) drift: Drift,
     pub(super) motion: FrontEnd,
     pub(super) drift_in_force: Drift,
+    pub(super) stations: Stations,
     streams: Streams,
     step: u32,
     contradicting_fixes: u32,
@@ -78,6 +80,7 @@ impl<const K: usize> ParticleCore<K> {
             motion: FrontEnd::new(&drift),
             drift_in_force: drift,
             drift,
+            stations: Stations::default(),
             streams,
             step: 0,
             contradicting_fixes: 0,
@@ -205,6 +208,11 @@ impl<const K: usize> ParticleCore<K> {
         Outcome::Fused
     }
 
+    /// The vehicle's own depth, m.
+    pub fn set_depth(&mut self, depth_m: f64) {
+        self.stations.depth_m = Some(depth_m);
+    }
+
     /// Where the vehicle was at `t_ns` relative to now, m.
     #[must_use]
     pub fn displacement_since(&self, t_ns: i64) -> Option<[f64; 2]> {
@@ -280,7 +288,11 @@ impl<const K: usize> ParticleCore<K> {
     }
 
     /// Mean displacement by the linear states over `dt_s`, its covariance with the position, and its own covariance.
-    fn drift_ahead(&self, mean_m: [f64; 2], dt_s: f64) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
+    pub(super) fn drift_ahead(
+        &self,
+        mean_m: [f64; 2],
+        dt_s: f64,
+    ) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
         let w = self.cloud.weights();
         let map = displacement_map::<K>(self.velocity_mps, dt_s);
         let f = SMatrix::<f64, 2, K>::from_fn(|r, c| map[r][c]);

@@ -78,6 +78,15 @@ impl<const K: usize> ParticleCore<K> {
         self.motion.ends_before(t_ns).filter(|end_ns| *end_ns > now_ns)
     }
 
+    /// Advances to `t_ns`; on the way, what is in force ends to hold.
+    pub fn advance_following(&mut self, t_ns: i64) {
+        if let Some(end_ns) = self.motion_ends_before(t_ns) {
+            self.advance(end_ns);
+            self.follow_motion(end_ns);
+        }
+        self.advance(t_ns);
+    }
+
     /// Puts in force what the sensors say now; see [`FrontEnd::follow`](crate::motion::FrontEnd::follow).
     pub fn follow_motion(&mut self, t_ns: i64) -> Option<f64> {
         let mut pair = LinearPair { cloud: &mut self.cloud, covariance: &mut self.covariance };

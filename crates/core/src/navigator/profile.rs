@@ -19,6 +19,15 @@ impl Kinds {
         Kind::WaterVelocity,
     ]);
 
+    /// What fixed stations tell: positions, ranges to beacons, and the depth that makes these horizontal.
+    pub const STATIONS: Self = Self::of(&[Kind::Depth, Kind::Usbl, Kind::BeaconRange]);
+
+    /// The kinds of both.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
     /// These kinds.
     #[must_use]
     pub const fn of(kinds: &[Kind]) -> Self {

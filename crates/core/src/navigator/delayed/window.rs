@@ -74,11 +74,13 @@ pub(super) struct Window {
     /// Number of the first step that is kept.
     first: u64,
     /// Time of the newest event, and of the newest step that is not kept any more, ns.
-    newest_ns: Option<i64>,
+    pub newest_ns: Option<i64>,
     floor_ns: Option<i64>,
     /// Late events that took their place, and those that came too late.
     pub replayed: u64,
     pub rejected: u64,
+    /// Late events that were used when they came.
+    pub inflated: u64,
     /// Packets on the air that would be others by now.
     pub outdated: u64,
 }

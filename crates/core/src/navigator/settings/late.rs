@@ -12,7 +12,7 @@ use crate::navigator::delayed::{BOUNDS, Delayed, DelayedOptions, Late};
 /// What becomes of events that are older than the navigator's time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LateSettings {
-    /// Refused, or replayed in their place.
+    /// Refused, replayed in their place, or used when they come.
     pub late: Late,
     /// How old an event may be, s.
     pub lag_s: f64,

@@ -26,6 +26,7 @@ pub use options::TeamOptions;
 use std::sync::Arc;
 
 use super::diagnostics::teammates;
+use super::from_outside::BeaconOptions;
 use super::radio::Radio;
 use super::snapshot::{load, save};
 use super::terrain_core::{TerrainCore, TerrainOptions, TerrainState};
@@ -113,7 +114,13 @@ impl<const K: usize> Team<K> {
         let states =
             BlockLayout { scale: options.clock.sound_speed_sigma_mps > 0.0, clock: options.clock.differ() };
         let judged = options.use_ranges && options.referee_nat > 0.0 && chart.is_some();
-        let lone = judged.then(|| TerrainCore::new(own, terrain, chart.clone(), seed)).transpose()?;
+        let beacons = BeaconOptions::of(options.clock, options.range_gate_sigmas, sound_speed_mps);
+        let alone = || {
+            let mut core = TerrainCore::new(own, terrain, chart.clone(), seed)?;
+            core.set_beacons(beacons);
+            Ok::<_, Error>(core)
+        };
+        let lone = judged.then(alone).transpose()?;
         Ok(Self {
             state: TeamState {
                 outgoing: OutgoingData::new(vehicles),
@@ -129,7 +136,7 @@ impl<const K: usize> Team<K> {
             },
             lone,
             own,
-            terrain: TerrainCore::new(own, terrain, chart, seed)?,
+            terrain: alone()?,
             radio: Radio::new(own, vehicles, sound_speed_mps)?,
             layout,
             filled,
@@ -179,10 +186,12 @@ impl<const K: usize> Team<K> {
     /// What one event does once the clock has been advanced to it.
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
-            Payload::Depth { depth_m, .. } if self.options.use_ranges => {
+            Payload::Depth { depth_m, .. } => {
                 self.radio.set_depth(*depth_m);
+                self.terrain.state.core.set_depth(*depth_m);
                 Outcome::Fused
             }
+            Payload::Usbl { .. } | Payload::BeaconRange { .. } => self.station(event.t_ns, &event.payload),
             Payload::Fix { position_m, covariance_m2 } => self.fix(event.t_ns, *position_m, *covariance_m2),
             Payload::WaterDepth { water_depth_m, sigma_m } => {
                 self.sounding(event.t_ns, *water_depth_m, *sigma_m)
@@ -274,7 +283,7 @@ impl<const K: usize> Navigator for Team<K> {
     fn profile(&self) -> Profile {
         let ranges = self.options.use_ranges;
         let uses = Kinds::MOTION.with(Kind::Fix, true).with(Kind::WaterDepth, true);
-        let uses = uses.with(Kind::Depth, ranges).with(Kind::Reception, ranges);
+        let uses = uses.and(Kinds::STATIONS).with(Kind::Reception, ranges);
         Profile { takes_ranges: ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 

@@ -45,6 +45,23 @@ impl<const K: usize> Team<K> {
         outcome
     }
 
+    /// What a fixed station tells. A position goes into the next packet as a fix does, a range to a beacon does not.
+    pub(super) fn station(&mut self, t_ns: i64, payload: &Payload) -> Outcome {
+        if let Payload::Usbl { measured_ns, position_m, covariance_m2 } = *payload {
+            let core = &mut self.terrain.state.core;
+            let Some((position_m, covariance_m2)) =
+                core.brought_forward(measured_ns, position_m, covariance_m2)
+            else {
+                core.rejected += 1;
+                return Outcome::Rejected;
+            };
+            return self.fix(t_ns, position_m, covariance_m2);
+        }
+        let outcome = self.terrain.weigh_station(payload);
+        self.resample();
+        outcome
+    }
+
     pub(super) fn fix(&mut self, t_ns: i64, position_m: [f64; 2], covariance_m2: [f64; 3]) -> Outcome {
         let restarts = self.terrain.state.core.restarts;
         let acquiring = self.terrain.acquiring();

@@ -17,6 +17,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::Outcome;
+use super::from_outside::BeaconOptions;
 use super::particle_core::ParticleCore;
 use crate::chart::Chart;
 use crate::error::Error;
@@ -134,6 +135,37 @@ impl<const K: usize> TerrainCore<K> {
         outcome
     }
 
+    /// What ranges to beacons may have beside their noise.
+    pub fn set_beacons(&mut self, options: BeaconOptions) {
+        self.state.core.stations.options = options;
+    }
+
+    /// What a fixed station tells, up to the weights: resampling is left to the caller.
+    pub fn weigh_station(&mut self, payload: &Payload) -> Outcome {
+        if let Payload::Usbl { measured_ns, position_m, covariance_m2 } = *payload {
+            let core = &mut self.state.core;
+            let Some((position_m, covariance_m2)) =
+                core.brought_forward(measured_ns, position_m, covariance_m2)
+            else {
+                core.rejected += 1;
+                return Outcome::Rejected;
+            };
+            return self.weigh_fix(position_m, covariance_m2);
+        }
+        let seen = match self.state.core.seen_beacon(payload) {
+            Ok(seen) => seen,
+            Err(outcome) => return outcome,
+        };
+        if !self.acquiring() {
+            return self.state.core.beacon(&seen);
+        }
+        let Some(moved_m) = self.state.core.displacement_since(seen.measured_ns()) else {
+            return Outcome::Noted;
+        };
+        let (belief, temper) = seen.belief(moved_m);
+        self.acquire_range(belief, temper)
+    }
+
     /// Advances to an event that was checked, and takes up what concerns a filter that hears nobody.
     pub fn handle(&mut self, event: &Event) -> Outcome {
         self.advance(event.t_ns);
@@ -150,6 +182,15 @@ impl<const K: usize> TerrainCore<K> {
                 {
                     self.resample();
                 }
+                outcome
+            }
+            Payload::Depth { depth_m, .. } => {
+                self.state.core.set_depth(*depth_m);
+                Outcome::Fused
+            }
+            Payload::Usbl { .. } | Payload::BeaconRange { .. } => {
+                let outcome = self.weigh_station(&event.payload);
+                self.resample();
                 outcome
             }
             other => self.take_motion(event.t_ns, other).0,
