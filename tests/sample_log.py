@@ -79,7 +79,9 @@ def _events(kind: str, rng: np.random.Generator, seconds: int, vehicles: int) ->
     values: dict[str, Any] = {}
     for name, dtype in EVENT_COLUMNS[kind].items():
         values[name] = rng.random(count) < 0.5 if dtype == "bool" else rng.uniform(0.1, 3.0, count)
-    if kind == "fix":
+    if kind in ("beacon_range", "usbl"):
+        values["measured_ns"] = np.maximum(t_ns - 300_000_001, 0)
+    if kind in ("fix", "usbl"):
         values |= {
             "cov_ee_m2": np.full(count, 25.0),
             "cov_en_m2": np.full(count, -3.1),

@@ -28,9 +28,9 @@ class NavigatorOptions(BaseModel):
 
     method: ClassVar[str] = ""
 
-    late: Literal["refuse", "replay"] = FROM_CORE
-    """What becomes of events older than the navigator's time: refused, or put in their place while all that follows is
-    done again."""
+    late: Literal["refuse", "replay", "inflate"] = FROM_CORE
+    """What becomes of events older than the navigator's time: refused; put in their place while all that follows is done
+    again; or used when they come, fixes, ranges and packets only, with what has happened since in the covariance."""
     lag_s: float = FROM_CORE
     """How old a late event may be; an older one is rejected and counted."""
 
