@@ -155,7 +155,9 @@ def test_run_writes_its_folder_and_prints_a_table(mission: Path) -> None:
     assert f"not used by dead-reckoning: depth {soundings}, water_depth {soundings}" in result.stdout
     assert "not used by mpf" not in result.stdout
     for navigator in summary["navigators"].values():
-        assert set(navigator) - {"unused"} == {"seconds", "speedup", "packet_bytes", "vehicles", "sent"}
+        assert set(navigator) - {"unused"} == {
+            "seconds", "speedup", "packet_bytes", "vehicles", "sent", "consistency", "disagreement",
+        }  # fmt: skip
         assert set(navigator["vehicles"]) == {"V1", "V2", "V3"}
         for vehicle in navigator["vehicles"].values():
             assert set(vehicle) >= VEHICLE_KEYS
@@ -194,8 +196,10 @@ def test_a_log_takes_navigator_options_and_nothing_else(mission: Path) -> None:
     )
     assert few["navigators"]["mpf"]["vehicles"] != many["navigators"]["mpf"]["vehicles"]
     line = refusal("run", mission, "--set", "acoustics.slot_s=9")
-    assert line.startswith("override 'acoustics.slot_s=9'")
-    assert "only navigator.* can be changed" in line
+    assert line.startswith("override 'acoustics.slot_s'")
+    assert "of acoustics only acoustics.loss, acoustics.losses, acoustics.modem can be changed" in line
+    line = refusal("run", mission, "--set", "duration_s=9")
+    assert "only navigator.*, log.* and, as what would have been, acoustics.loss" in line
 
 
 def test_a_missing_extra_leaves_its_file_out_with_a_note(

@@ -15,6 +15,7 @@ import uwcoop
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
 from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog.model import event_columns
 from uwcoop.navigators import NAVIGATORS, OriginOptions, options_of
 from uwcoop.navigators.base import METHODS
 from uwcoop.navigators.landmark import ExchangeOptions
@@ -60,6 +61,7 @@ OF_WIDE_CLOUDS = (
     "cluster_ridge_many",
     "cluster_search_points",
 )
+OF_A_DVL = ("sigma_dvl_scale", "sigma_dvl_misalignment_rad", "dvl_hold_s")
 GATED = {"range_gate_sigmas": 1.0}
 
 SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
@@ -103,6 +105,9 @@ CHANGED: dict[str, Any] = {
     "sigma_current_mps_per_sqrt_s": 0.1,
     "sigma_current0_mps": 0.5,
     "sigma_heading_bias0_rad": 0.2,
+    "sigma_dvl_scale": 0.1,
+    "sigma_dvl_misalignment_rad": 0.1,
+    "dvl_hold_s": 8.0,
     "sigma_thrust_bias0_mps": 0.3,
     "sigma_heading_bias_rad_per_sqrt_s": 0.01,
     "sigma_thrust_bias_mps_per_sqrt_s": 0.02,
@@ -170,6 +175,8 @@ CHANGED: dict[str, Any] = {
 def kind_of(name: str, option: str = "") -> str:
     if option == "fill_reach_m":
         return "holes"
+    if option in OF_A_DVL:
+        return "dvl"
     model = NAVIGATORS[name].options
     if issubclass(model, ExchangeOptions):
         return "vague" if option in OF_WIDE_CLOUDS else "landmark"
@@ -182,9 +189,37 @@ def kind_of(name: str, option: str = "") -> str:
 def mission(kind: str) -> MissionLog:
     if kind == "holes":
         return with_holes(mission("unlimited"))
+    if kind == "dvl":
+        return with_a_dvl(uwcoop.simulate(load(MISSIONS["unlimited"][0], MISSIONS["unlimited"][1]), seed=1))
     name, overrides = MISSIONS[kind]
     # Without truth no bound is computed.
     return replace(uwcoop.simulate(load(name, overrides), seed=1), truth=None)
+
+
+def with_a_dvl(log: MissionLog) -> MissionLog:
+    """The mission with a compass and a DVL that loses the bottom for a while."""
+    assert log.truth is not None
+    step_m = np.diff(log.truth.position_m.values, axis=1)
+    time_s = log.truth.time.values
+    over_ground = step_m / np.diff(time_s)[None, :, None]
+    yaw = np.arctan2(over_ground[..., 1], over_ground[..., 0])
+    tables = []
+    for vehicle in range(len(log.vehicles)):
+        t_ns = (time_s[:-1] * 1e9).astype(np.int64)
+        own = np.full(len(t_ns), vehicle)
+        small = np.full(len(t_ns), 0.02)
+        heading = event_columns("heading", t_ns=t_ns, vehicle=own, yaw_rad=yaw[vehicle], sigma_rad=small)
+        seen = (time_s[:-1] < 40) | (time_s[:-1] > 60)
+        speed = np.hypot(*over_ground[vehicle].T)
+        lock = event_columns(
+            "ground_velocity", t_ns=t_ns[seen], vehicle=own[seen], forward_mps=speed[seen],
+            left_mps=0 * speed[seen], sigma_mps=small[seen],
+        )  # fmt: skip
+        tables.append((heading, lock))
+    whole = [{name: np.concatenate([t[k][name] for t in tables]) for name in tables[0][k]} for k in (0, 1)]
+    order = [np.lexsort((table["vehicle"], table["t_ns"])) for table in whole]
+    heading, lock = ({n: c[o] for n, c in table.items()} for table, o in zip(whole, order, strict=True))
+    return replace(log, truth=None, events={**log.events, "heading": heading, "ground_velocity": lock})
 
 
 def with_holes(log: MissionLog) -> MissionLog:

@@ -5,9 +5,11 @@ use numpy::{
 };
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use serde_json::{Map, Value};
 use uwcoop_core::bound::{self as core, BoundModel, Observation, TrueTracks};
+use uwcoop_core::error::Error;
 use uwcoop_core::event::Payload;
-use uwcoop_core::navigator::settings::{MpfSettings, Settings, TeamSettings};
+use uwcoop_core::navigator::settings::{LateSettings, MpfSettings, Settings, TeamSettings};
 
 use crate::chart::Chart;
 use crate::errors::{argument, navigator};
@@ -17,6 +19,12 @@ use crate::packaged::options as stated;
 fn integers(columns: &Bound<'_, PyDict>, name: &str) -> PyResult<Vec<i64>> {
     let column = columns.get_item(name)?.ok_or_else(|| argument(format!("column {name} is missing")))?;
     Ok(column.extract::<PyReadonlyArray1<'_, i64>>()?.as_array().to_vec())
+}
+
+/// Options of a method as stated, without those of late events: the bound takes everything in its place.
+fn own(name: &'static str, json: &str) -> PyResult<Map<String, Value>> {
+    let split = |all: Map<String, Value>| -> Result<_, Error> { LateSettings::split(name, &all) };
+    Ok(split(stated(json)?).map_err(navigator)?.1)
 }
 
 /// What events and ranges tell the team, with their times.
@@ -63,8 +71,8 @@ pub fn bound<'py>(
     counted: (bool, bool, bool),
     sample_ns: PyReadonlyArray1<'py, i64>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let mpf = MpfSettings::complete(&stated(options.0)?).map_err(navigator)?;
-    let team = TeamSettings::complete(&stated(options.1)?).map_err(navigator)?;
+    let mpf = MpfSettings::complete(&own("mpf", options.0)?).map_err(navigator)?;
+    let team = TeamSettings::complete(&own("team", options.1)?).map_err(navigator)?;
     let (terrain, ranges_count, linearised) = counted;
     let chart = chart.map(|c| c.inner.clone());
     let model = BoundModel {

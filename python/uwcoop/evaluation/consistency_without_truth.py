@@ -46,7 +46,9 @@ LIMIT_95 = {1: 3.841458820694124, 2: CHI2_95_2D}
 """95 % quantile of χ² by degrees of freedom."""
 OUTCOMES = ("fused", "noted", "gated", "rejected")
 """What becomes of an event: it changed the estimate; it did not; it contradicted the belief; it could not be read."""
-_KIND = {"fix": "fix", "water_depth": "sounding", "reception": "range"}
+_KIND = {
+    "fix": "fix", "usbl": "fix", "water_depth": "sounding", "reception": "range", "beacon_range": "range",
+}  # fmt: skip
 
 
 def innovations_of(records: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:

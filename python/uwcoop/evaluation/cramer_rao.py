@@ -31,6 +31,10 @@ MODEL_OF = "mpf"
 SHARED_OF = "team"
 """The one whose options state what the vehicles' currents and tides have in common."""
 
+UNKNOWN_TO_IT = ("ground_velocity", "water_velocity", "odometry", "usbl", "beacon_range")
+"""Kinds of events that terrain navigators use and the bound does not: with them it is none."""
+_NONE = {"t_ns": np.zeros(0, dtype=np.int64)}
+
 BOUNDS = {
     "bound_m": "root of the trace of the team's Cramér-Rao bound",
     "linearised_bound_m": "the same, statistically linearised over its own spread",
@@ -80,10 +84,15 @@ def bound_covariance_m2(
             not fit that slope as noise.
 
     Returns:
-        (vehicles, samples, 3): ee, en, nn in m²; NaN before a vehicle's first fix. None without chart, or where the
-        truth of a vehicle is not known throughout.
+        (vehicles, samples, 3): ee, en, nn in m²; NaN before a vehicle's first fix. None without chart, where the
+        truth of a vehicle is not known throughout, or where navigators are told more than the bound knows
+        (`UNKNOWN_TO_IT`).
     """
-    if log.chart is None or log.truth is None:
+    if (
+        log.chart is None
+        or log.truth is None
+        or any(len(log.events.get(k, _NONE)["t_ns"]) for k in UNKNOWN_TO_IT)
+    ):
         return None
     truth = log.truth
     position = truth["position_m"].transpose("vehicle", "time", "axis").to_numpy()

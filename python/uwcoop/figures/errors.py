@@ -177,8 +177,8 @@ def _draw_ticks(axes: Axes, arrivals: tuple[NDArray[Any], ...], vehicle: int) ->
         (own & ~received, "lost", LOST_COLOUR, 0.5, 0.95),
     ):
         axes.vlines(
-            toa_s[which], bottom * _STRIP, top * _STRIP, color=colour, lw=0.8, transform=across, gid=name,
-            zorder=2.5,
+            toa_s[which], bottom * _STRIP, top * _STRIP, color=colour, lw=0.8 if name == "received" else 1.2,
+            transform=across, gid=name, zorder=2.5,
         )  # fmt: skip
 
 

@@ -32,13 +32,13 @@ def draw_paths(
 ) -> None:
     """True and estimated paths of all vehicles, ellipses, and notes on what does not fit the frame.
 
-    Where ellipses would be too small to be seen they are enlarged by a factor common to all panels, which a note states.
+    Where ellipses would be too small to be seen they are enlarged by a factor common to the panel, which a note states.
     """
     from matplotlib.patheffects import Normal, Stroke
 
     halo = [Stroke(linewidth=2.6, foreground="white", alpha=0.8), Normal()]
     notes = []
-    factor = _enlarged(tracks["covariance_m2"].values, view)
+    factor = _enlarged(tracks["covariance_m2"].values[navigator], view)
     if factor > 1:
         notes.append(f"95 % ellipses × {factor}")
     for j, vehicle in enumerate(tracks["vehicle"].values):
@@ -92,13 +92,12 @@ def draw_scale(axes: Axes, view: tuple[float, float, float, float]) -> None:
 
 
 def _enlarged(covariance: Floats, view: tuple[float, ...]) -> int:
-    """The least factor by which typical ellipses of the navigator with the largest ones can be seen."""
+    """The least factor by which a typical ellipse can be seen."""
     trace = covariance[..., 0, 0] + covariance[..., 1, 1]
-    usable = np.isfinite(trace) & (trace > 0)
-    medians = [np.median(t[u]) for t, u in zip(trace, usable, strict=True) if u.any()]
-    if not medians:
+    known = trace[np.isfinite(trace) & (trace > 0)]
+    if not known.size:
         return 1
-    typical = float(np.sqrt(CHI2_95_2D * max(medians) / 2))
+    typical = float(np.sqrt(CHI2_95_2D * np.median(known) / 2))
     wanted = _LEAST_SHARE * (view[1] - view[0]) / typical
     return next((factor for factor in _FACTORS if factor >= wanted), _FACTORS[-1])
 

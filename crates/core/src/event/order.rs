@@ -5,10 +5,12 @@ use std::cmp::Ordering;
 use super::{Class, Event, Kind, VehicleId};
 
 impl Event {
-    /// Time, class (sensors, receptions, roles), vehicle, kind as declared: what a log's sequence does not decide.
+    /// Time, class (sensors, receptions, roles), vehicle, kind as declared but odometry after all other sensors: a position
+    /// and a heading hold at its end. What a log's sequence does not decide.
     #[must_use]
-    pub fn place(&self) -> (i64, Class, VehicleId, Kind) {
-        (self.t_ns, self.payload.class(), self.vehicle, self.payload.kind())
+    pub fn place(&self) -> (i64, Class, VehicleId, bool, Kind) {
+        let kind = self.payload.kind();
+        (self.t_ns, self.payload.class(), self.vehicle, kind == Kind::Odometry, kind)
     }
 
     /// By [`place`](Self::place), then by content: an order of events that came in any sequence.

@@ -16,7 +16,7 @@ pub struct InnovationRecord {
     pub t_ns: i64,
     /// Whose.
     pub vehicle: VehicleId,
-    /// [`Kind::Fix`], [`Kind::WaterDepth`], or [`Kind::Reception`] for a range.
+    /// [`Kind::Fix`] or [`Kind::Usbl`], [`Kind::WaterDepth`], or [`Kind::Reception`] or [`Kind::BeaconRange`] for a range.
     pub kind: Kind,
     /// Of a range.
     pub sender: Option<VehicleId>,
@@ -61,7 +61,7 @@ fn of_fix(
     (squared.is_finite() && determinant > 0.0).then(|| InnovationRecord {
         t_ns: event.t_ns,
         vehicle: event.vehicle,
-        kind: Kind::Fix,
+        kind: event.payload.kind(),
         sender: None,
         outcome: Outcome::Noted,
         innovation_m: e.hypot(n),
@@ -78,21 +78,32 @@ impl Estimators {
     /// What the navigator refuses.
     pub fn handle_judged(&mut self, event: &Event) -> Result<(Outcome, Option<InnovationRecord>), Error> {
         let vehicle = usize::from(event.vehicle);
-        if let Payload::Fix { position_m, covariance_m2 } = event.payload {
-            if !self.profile(event.vehicle).is_some_and(|profile| profile.uses.contains(Kind::Fix)) {
+        let position = match event.payload {
+            Payload::Fix { position_m, covariance_m2 } => Some((event.t_ns, position_m, covariance_m2)),
+            Payload::Usbl { measured_ns, position_m, covariance_m2 } => {
+                Some((measured_ns, position_m, covariance_m2))
+            }
+            _ => None,
+        };
+        if let Some((measured_ns, position_m, covariance_m2)) = position {
+            let kind = event.payload.kind();
+            if !self.profile(event.vehicle).is_some_and(|profile| profile.uses.contains(kind)) {
                 return Ok((self.handle(event)?, None));
             }
+            // Where the vehicle is believed to have been then; what moves is the belief of now.
+            let before_then = self.estimate(vehicle, measured_ns);
             let before = self.estimate(vehicle, event.t_ns);
             let outcome = self.handle(event)?;
             let after_m = self.estimate(vehicle, event.t_ns).mean_m;
             let jump_m = (after_m[0] - before.mean_m[0]).hypot(after_m[1] - before.mean_m[1]);
-            let seen = of_fix(&before, event, position_m, covariance_m2);
+            let seen = of_fix(&before_then, event, position_m, covariance_m2);
             return Ok((outcome, seen.map(|seen| InnovationRecord { outcome, jump_m, ..seen })));
         }
         let outcome = self.handle(event)?;
         let (kind, sender) = match &event.payload {
             Payload::WaterDepth { .. } => (Kind::WaterDepth, None),
             Payload::Reception { sender, .. } => (Kind::Reception, Some(*sender)),
+            Payload::BeaconRange { .. } => (Kind::BeaconRange, None),
             _ => return Ok((outcome, None)),
         };
         let record = self.innovation(event.vehicle).map(|seen| InnovationRecord {
