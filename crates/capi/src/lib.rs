@@ -20,7 +20,7 @@ use std::panic::{catch_unwind, AssertUnwindSafe};
 use std::sync::Arc;
 
 use uwcoop_core::link::Authenticator;
-use uwcoop_core::navigator::authenticated::Authenticated;
+use uwcoop_core::navigator::authenticated::authenticated;
 use uwcoop_core::navigator::packaged::{make_navigator, Options};
 use uwcoop_core::navigator::settings::Context;
 use uwcoop_core::navigator::{Navigator, Outcome, Status};
@@ -248,7 +248,7 @@ pub unsafe extern "C" fn uwcoop_authenticate(
         let authenticator =
             Authenticator::new(key, tag_bytes, mission).map_err(uwcoop_core::error::Error::from)?;
         let inner = held.inner.take().ok_or(Failure::Broken)?;
-        held.inner = Some(Box::new(Authenticated::new(inner, held.vehicle, held.vehicles, authenticator)));
+        held.inner = Some(authenticated(inner, held.vehicle, held.vehicles, authenticator));
         Ok(())
     })
 }

@@ -2,6 +2,7 @@
 
 mod bounds;
 mod kind;
+mod order;
 
 use std::sync::Arc;
 
@@ -109,6 +110,37 @@ pub enum Payload {
         /// The peer's depth below the surface as its reply tells it, m.
         peer_depth_m: Option<f64>,
     },
+    /// Velocity through the water from a DVL's water lock or a speed log, body frame.
+    WaterVelocity {
+        /// [forward, left], m/s.
+        velocity_mps: [f64; 2],
+        /// Standard deviation per axis, m/s.
+        sigma_mps: f64,
+    },
+    /// Range to a beacon that stands at a known place.
+    BeaconRange {
+        /// When the signal arrived, ns: the range is to where the vehicle was then.
+        measured_ns: i64,
+        /// The beacon, [east, north], m.
+        beacon_m: [f64; 2],
+        /// Its depth below the surface, m.
+        beacon_depth_m: f64,
+        /// Slant range, m.
+        range_m: f64,
+        /// Standard deviation, m.
+        sigma_m: f64,
+        /// From the travel time one way, in which the difference of the clocks stands; false: there and back.
+        one_way: bool,
+    },
+    /// Position by an ultra-short baseline, told some time after it was measured.
+    Usbl {
+        /// When it was measured, ns: the position is that of the vehicle then.
+        measured_ns: i64,
+        /// [east, north], m.
+        position_m: [f64; 2],
+        /// [ee, en, nn], m².
+        covariance_m2: [f64; 3],
+    },
     /// The vehicle stands on the seabed.
     Landed,
     /// It no longer does.
@@ -162,6 +194,9 @@ impl Payload {
             Self::GroundVelocity { .. } => Kind::GroundVelocity,
             Self::Fix { .. } => Kind::Fix,
             Self::AcousticFix { .. } => Kind::AcousticFix,
+            Self::WaterVelocity { .. } => Kind::WaterVelocity,
+            Self::BeaconRange { .. } => Kind::BeaconRange,
+            Self::Usbl { .. } => Kind::Usbl,
             Self::Landed => Kind::Landed,
             Self::LiftedOff => Kind::LiftedOff,
             Self::RoleTaken { .. } => Kind::RoleTaken,
@@ -218,6 +253,26 @@ impl Payload {
                 own_bearing_rad.map_or(Ok(()), |rad| bounds::ACOUSTIC_OWN.check(rad))?;
                 peer_bearing_rad.map_or(Ok(()), |rad| bounds::ACOUSTIC_PEER.check(rad))
             }
+            Self::WaterVelocity { velocity_mps: [f, l], sigma_mps } => {
+                bounds::WATER_FORWARD.check(*f)?;
+                bounds::WATER_LEFT.check(*l)?;
+                bounds::WATER_SIGMA.check(*sigma_mps)
+            }
+            Self::BeaconRange { beacon_m: [e, n], beacon_depth_m, range_m, sigma_m, .. } => {
+                bounds::BEACON_E.check(*e)?;
+                bounds::BEACON_N.check(*n)?;
+                bounds::BEACON_DEPTH.check(*beacon_depth_m)?;
+                bounds::BEACON_RANGE.check(*range_m)?;
+                bounds::BEACON_SIGMA.check(*sigma_m)
+            }
+            Self::Usbl { position_m: [e, n], covariance_m2: [ee, en, nn], .. } => {
+                bounds::USBL_E.check(*e)?;
+                bounds::USBL_N.check(*n)?;
+                bounds::USBL_EE.check(*ee)?;
+                bounds::USBL_EN.check(*en)?;
+                bounds::USBL_NN.check(*nn)?;
+                check_triangle("usbl covariance", &Matrix2::new(*ee, *en, *en, *nn))
+            }
             Self::Landed
             | Self::LiftedOff
             | Self::RoleTaken { .. }
@@ -272,6 +327,11 @@ impl Event {
             Payload::AcousticFix { transmit_ns, .. } => {
                 check_time("acoustic_fix transmit_ns", transmit_ns)?;
                 check_span("duration of an acoustic fix, s", transmit_ns, self.t_ns, TRAVEL_NS)?;
+                self.payload.validate()
+            }
+            Payload::BeaconRange { measured_ns, .. } | Payload::Usbl { measured_ns, .. } => {
+                check_time("measured_ns", measured_ns)?;
+                check_span("age of a position or range, s", measured_ns, self.t_ns, TRAVEL_NS)?;
                 self.payload.validate()
             }
             Payload::Delivered { tol_ns, .. } => {

@@ -76,6 +76,23 @@ pub fn payload(kind: &str, f: &impl Fields) -> PyResult<Payload> {
             peer_bearing_rad: some_finite(f.number("peer_bearing_rad")?),
             peer_depth_m: some_finite(f.number("peer_depth_m")?),
         },
+        "water_velocity" => Payload::WaterVelocity {
+            velocity_mps: pair("forward_mps", "left_mps")?,
+            sigma_mps: f.number("sigma_mps")?,
+        },
+        "beacon_range" => Payload::BeaconRange {
+            measured_ns: f.integer("measured_ns")?,
+            beacon_m: pair("beacon_e_m", "beacon_n_m")?,
+            beacon_depth_m: f.number("beacon_depth_m")?,
+            range_m: f.number("range_m")?,
+            sigma_m: f.number("sigma_m")?,
+            one_way: f.integer("one_way")? != 0,
+        },
+        "usbl" => Payload::Usbl {
+            measured_ns: f.integer("measured_ns")?,
+            position_m: pair("e_m", "n_m")?,
+            covariance_m2: [f.number("cov_ee_m2")?, f.number("cov_en_m2")?, f.number("cov_nn_m2")?],
+        },
         "landed" => Payload::Landed,
         "lifted_off" => Payload::LiftedOff,
         "role_taken" => Payload::RoleTaken { landmark: f.integer("landmark")? != 0 },
@@ -239,22 +256,7 @@ impl Event {
     /// Kind of the event, as in `uwcoop.missionlog.EVENT_COLUMNS`, or `reception`, `delivered`.
     #[getter]
     fn kind(&self) -> &'static str {
-        match &self.inner.payload {
-            Payload::Motion { .. } => "motion",
-            Payload::Odometry { .. } => "odometry",
-            Payload::WaterDepth { .. } => "water_depth",
-            Payload::Depth { .. } => "depth",
-            Payload::Heading { .. } => "heading",
-            Payload::TurnRate { .. } => "turn_rate",
-            Payload::GroundVelocity { .. } => "ground_velocity",
-            Payload::Fix { .. } => "fix",
-            Payload::AcousticFix { .. } => "acoustic_fix",
-            Payload::Landed => "landed",
-            Payload::LiftedOff => "lifted_off",
-            Payload::RoleTaken { .. } => "role_taken",
-            Payload::Reception { .. } => "reception",
-            Payload::Delivered { .. } => "delivered",
-        }
+        self.inner.payload.kind().name()
     }
 
     /// The fields by name, as the constructor takes them.
@@ -319,6 +321,39 @@ impl Event {
                 d.set_item("own_bearing_rad", nan(own_bearing_rad))?;
                 d.set_item("peer_bearing_rad", nan(peer_bearing_rad))?;
                 d.set_item("peer_depth_m", nan(peer_depth_m))?;
+            }
+            Payload::WaterVelocity { velocity_mps: [f, l], sigma_mps } => {
+                d.set_item("forward_mps", f)?;
+                d.set_item("left_mps", l)?;
+                d.set_item("sigma_mps", sigma_mps)?;
+            }
+            Payload::BeaconRange {
+                measured_ns,
+                beacon_m: [e, n],
+                beacon_depth_m,
+                range_m,
+                sigma_m,
+                one_way,
+            } => {
+                d.set_item("measured_ns", measured_ns)?;
+                for (name, value) in [
+                    ("beacon_e_m", e),
+                    ("beacon_n_m", n),
+                    ("beacon_depth_m", beacon_depth_m),
+                    ("range_m", range_m),
+                    ("sigma_m", sigma_m),
+                ] {
+                    d.set_item(name, value)?;
+                }
+                d.set_item("one_way", one_way)?;
+            }
+            Payload::Usbl { measured_ns, position_m: [e, n], covariance_m2: [ee, en, nn] } => {
+                d.set_item("measured_ns", measured_ns)?;
+                for (name, value) in
+                    [("e_m", e), ("n_m", n), ("cov_ee_m2", ee), ("cov_en_m2", en), ("cov_nn_m2", nn)]
+                {
+                    d.set_item(name, value)?;
+                }
             }
             Payload::RoleTaken { landmark } => d.set_item("landmark", landmark)?,
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {

@@ -5,7 +5,7 @@ use std::sync::Mutex;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
-use uwcoop_core::navigator::authenticated::Authenticated;
+use uwcoop_core::navigator::authenticated::authenticated;
 use uwcoop_core::navigator::{Estimate as CoreEstimate, Navigator as CoreNavigator, Outcome, Status};
 use uwcoop_core::packet::layout::record;
 
@@ -138,7 +138,7 @@ impl Navigator {
     /// The same navigator as `vehicle` of a team of `vehicles` that tags its packets; this one is empty then.
     fn authenticated(&self, vehicle: u16, vehicles: usize, authenticator: &Authenticator) -> PyResult<Self> {
         let inner = authenticator.inner.clone();
-        Ok(Self::of(Box::new(Authenticated::new(self.take()?, vehicle, vehicles, inner))))
+        Ok(Self::of(authenticated(self.take()?, vehicle, vehicles, inner)))
     }
 
     /// As `transmit`, with the fields that were written: (name, bits of one, how many, scale), the scale being None or

@@ -15,6 +15,9 @@ as log time and as header stamp. World frame `map`: local ENU metres, z up (REP 
 | `/{V}/odometry_increment` | uwcoop_msgs/OdometryIncrement | displacement, yaw change, 3 × 3 covariance |
 | `/{V}/fix` | geometry_msgs/PoseWithCovarianceStamped | position.x, .y, covariance[0], [1] = [6], [7] |
 | `/{V}/acoustic_fix` | uwcoop_msgs/AcousticFix | peer, launch, slant range, both bearings, depth of the peer |
+| `/{V}/water_velocity` | geometry_msgs/TwistWithCovarianceStamped | as ground_velocity, through the water |
+| `/{V}/beacon_range` | uwcoop_msgs/BeaconRange | when measured, the beacon's place and depth, slant range and σ |
+| `/{V}/usbl` | uwcoop_msgs/UsblPosition | when measured, position and covariance |
 | `/{V}/landed`, `/{V}/lifted_off` | std_msgs/Header | the stamp |
 | `/{V}/role_taken` | uwcoop_msgs/RoleTaken | landmark or not |
 | `/acoustics/slot` | uwcoop_msgs/AcousticSlot | sender, capacity; stamped TOL |

@@ -86,6 +86,32 @@ float64 range_m
 float64 own_bearing_rad
 float64 peer_bearing_rad
 """,
+    "BeaconRange": """\
+# Range to a beacon at a known place; the stamp is when it was told.
+std_msgs/Header header
+# arrival of the signal, nanoseconds of mission time: the range is to where the vehicle was then
+int64 measured_ns
+# place of the beacon in the local ENU frame, metres, and its depth below the surface
+float64 beacon_e_m
+float64 beacon_n_m
+float64 beacon_depth_m
+# slant range and its standard deviation, metres
+float64 range_m
+float64 sigma_m
+# true: from the travel time one way, in which the difference of the clocks stands
+bool one_way
+""",
+    "UsblPosition": """\
+# Position by an ultra-short baseline; the stamp is when it was told.
+std_msgs/Header header
+# nanoseconds of mission time: where the vehicle was then
+int64 measured_ns
+# local ENU frame, metres
+float64 e_m
+float64 n_m
+# row by row: east, north
+float64[4] covariance
+""",
     "AcousticSlot": f"""\
 # A transmit slot of the TDMA schedule; the stamp is the time of launch.
 std_msgs/Header header

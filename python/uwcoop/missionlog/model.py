@@ -41,6 +41,14 @@ EVENT_COLUMNS: dict[str, dict[str, str]] = {
         "peer": "i8", "transmit_ns": "i8", "range_m": "f8", "own_bearing_rad": "f8", "peer_bearing_rad": "f8",
         "peer_depth_m": "f8",
     },
+    "water_velocity": {"forward_mps": "f8", "left_mps": "f8", "sigma_mps": "f8"},
+    "beacon_range": {
+        "measured_ns": "i8", "beacon_e_m": "f8", "beacon_n_m": "f8", "beacon_depth_m": "f8", "range_m": "f8",
+        "sigma_m": "f8", "one_way": "bool",
+    },
+    "usbl": {
+        "measured_ns": "i8", "e_m": "f8", "n_m": "f8", "cov_ee_m2": "f8", "cov_en_m2": "f8", "cov_nn_m2": "f8",
+    },
     "landed": {},
     "lifted_off": {},
     "role_taken": {"landmark": "bool"},

@@ -135,6 +135,26 @@ EVENT_TOPICS: dict[str, EventTopic] = {
         {name: (At(name),) for name in EVENT_COLUMNS["acoustic_fix"]},
         earlier="uwcoop_msgs/msg/AcousticFixWithoutDepth",
     ),
+    "water_velocity": EventTopic(
+        "water_velocity", "geometry_msgs/msg/TwistWithCovarianceStamped", "base_link",
+        {
+            "forward_mps": (At("twist.twist.linear.x"),), "left_mps": (At("twist.twist.linear.y"),),
+            "sigma_mps": (At("twist.covariance", 0, "squared"), At("twist.covariance", 7, "squared")),
+        },
+        {At("twist.covariance", 7 * i): _UNOBSERVED_M2 for i in (2, 3, 4, 5)},
+    ),
+    "beacon_range": EventTopic(
+        "beacon_range", "uwcoop_msgs/msg/BeaconRange", "base_link",
+        {name: (At(name),) for name in EVENT_COLUMNS["beacon_range"]},
+    ),
+    "usbl": EventTopic(
+        "usbl", "uwcoop_msgs/msg/UsblPosition", "map",
+        {
+            "measured_ns": (At("measured_ns"),), "e_m": (At("e_m"),), "n_m": (At("n_m"),),
+            "cov_ee_m2": (At("covariance", 0),), "cov_en_m2": (At("covariance", 1), At("covariance", 2)),
+            "cov_nn_m2": (At("covariance", 3),),
+        },
+    ),
     "landed": EventTopic("landed", "std_msgs/msg/Header", "base_link", {}),
     "lifted_off": EventTopic("lifted_off", "std_msgs/msg/Header", "base_link", {}),
     "role_taken": EventTopic(

@@ -26,8 +26,10 @@ from uwcoop.missionlog.truth import DIMENSIONS, truth_time_ns
 
 _LONGEST_NS = (2**31 - 1) * 1_000_000_000  # seconds of a ROS 2 stamp are int32
 _LAST_EPOCH_NS = 7_258_118_400 * 1_000_000_000
+_OLDEST_NS = 1_000_000_000_000  # the core's bound of an age
 _COVARIANCES = {
     "fix": (("cov_ee_m2", "cov_en_m2"), ("cov_en_m2", "cov_nn_m2")),
+    "usbl": (("cov_ee_m2", "cov_en_m2"), ("cov_en_m2", "cov_nn_m2")),
     "odometry": (
         ("cov_ff", "cov_fl", "cov_fy"),
         ("cov_fl", "cov_ll", "cov_ly"),
@@ -104,6 +106,10 @@ def _events(table: CheckedTable) -> None:
     table.check_finite()
     if table.name in _COVARIANCES:
         table.check_covariance(_COVARIANCES[table.name])
+    if "measured_ns" in spec:
+        measured = table.columns["measured_ns"]
+        table.refuse(measured > table.columns["t_ns"], "measured_ns", "at most the event's own time")
+        table.refuse(measured < table.columns["t_ns"] - _OLDEST_NS, "measured_ns", "at most 1000 s old")
     if table.name == "acoustic_fix":
         table.check_index("peer")
         table.refuse(table.columns["peer"] == table.columns["vehicle"], "peer", "another vehicle")

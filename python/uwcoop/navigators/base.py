@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, ConfigDict
@@ -27,6 +27,12 @@ class NavigatorOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     method: ClassVar[str] = ""
+
+    late: Literal["refuse", "replay"] = FROM_CORE
+    """What becomes of events older than the navigator's time: refused, or put in their place while all that follows is
+    done again."""
+    lag_s: float = FROM_CORE
+    """How old a late event may be; an older one is rejected and counted."""
 
     def __init_subclass__(cls, method: str = "", **kwargs: Any) -> None:
         """Takes the keyword; the fields are not there yet."""

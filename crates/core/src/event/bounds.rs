@@ -111,6 +111,19 @@ bounds! {
     ACOUSTIC_OWN: AcousticFix "acoustic_fix" "own_bearing_rad", -ANGLE, ANGLE, false;
     ACOUSTIC_PEER: AcousticFix "acoustic_fix" "peer_bearing_rad", -ANGLE, ANGLE, false;
     ACOUSTIC_PEER_DEPTH: AcousticFix "acoustic_fix" "peer_depth_m", -100.0, DEEPEST, false;
+    WATER_FORWARD: WaterVelocity "water_velocity" "forward_mps", -SPEED, SPEED, false;
+    WATER_LEFT: WaterVelocity "water_velocity" "left_mps", -SPEED, SPEED, false;
+    WATER_SIGMA: WaterVelocity "water_velocity" "sigma_mps", 0.0, SIGMA, false;
+    BEACON_E: BeaconRange "beacon_range" "beacon_e_m", -DISTANCE, DISTANCE, false;
+    BEACON_N: BeaconRange "beacon_range" "beacon_n_m", -DISTANCE, DISTANCE, false;
+    BEACON_DEPTH: BeaconRange "beacon_range" "beacon_depth_m", -100.0, DEEPEST, false;
+    BEACON_RANGE: BeaconRange "beacon_range" "range_m", 0.0, RANGE, true;
+    BEACON_SIGMA: BeaconRange "beacon_range" "sigma_m", 0.0, SIGMA, false;
+    USBL_E: Usbl "usbl" "e_m", -DISTANCE, DISTANCE, false;
+    USBL_N: Usbl "usbl" "n_m", -DISTANCE, DISTANCE, false;
+    USBL_EE: Usbl "usbl" "cov_ee_m2", FIX_FLOOR_M2, DISTANCE * DISTANCE, false;
+    USBL_EN: Usbl "usbl" "cov_en_m2", -DISTANCE * DISTANCE, DISTANCE * DISTANCE, false;
+    USBL_NN: Usbl "usbl" "cov_nn_m2", FIX_FLOOR_M2, DISTANCE * DISTANCE, false;
 }
 
 /// Latest and, negative, earliest time of anything, ns: 73 years about the mission's epoch. Differences of times that

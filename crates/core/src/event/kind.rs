@@ -23,6 +23,12 @@ pub enum Kind {
     Fix,
     /// [`super::Payload::AcousticFix`].
     AcousticFix,
+    /// [`super::Payload::WaterVelocity`].
+    WaterVelocity,
+    /// [`super::Payload::BeaconRange`].
+    BeaconRange,
+    /// [`super::Payload::Usbl`].
+    Usbl,
     /// [`super::Payload::Landed`].
     Landed,
     /// [`super::Payload::LiftedOff`].
@@ -37,7 +43,7 @@ pub enum Kind {
 
 impl Kind {
     /// All kinds, in the order of their declaration.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 17] = [
         Self::Motion,
         Self::Odometry,
         Self::WaterDepth,
@@ -47,6 +53,9 @@ impl Kind {
         Self::GroundVelocity,
         Self::Fix,
         Self::AcousticFix,
+        Self::WaterVelocity,
+        Self::BeaconRange,
+        Self::Usbl,
         Self::Landed,
         Self::LiftedOff,
         Self::RoleTaken,
@@ -67,6 +76,9 @@ impl Kind {
             Self::GroundVelocity => "ground_velocity",
             Self::Fix => "fix",
             Self::AcousticFix => "acoustic_fix",
+            Self::WaterVelocity => "water_velocity",
+            Self::BeaconRange => "beacon_range",
+            Self::Usbl => "usbl",
             Self::Landed => "landed",
             Self::LiftedOff => "lifted_off",
             Self::RoleTaken => "role_taken",

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::delayed::{Delayed, DelayedOptions};
 use super::snapshot::{load, save};
 use super::{Estimate, Innovation, Navigator, Outcome, Particles, Profile};
 use crate::error::Error;
@@ -188,6 +189,22 @@ impl<N: Navigator> Navigator for Authenticated<N> {
     }
 }
 
+/// `inner` with tags, as [`Authenticated::new`]; its window of late events, if it has one, lies around the tags: what is
+/// replayed is checked anew, in order.
+pub fn authenticated(
+    mut inner: Box<dyn Navigator>,
+    own: VehicleId,
+    vehicles: usize,
+    authenticator: Authenticator,
+) -> Box<dyn Navigator> {
+    let window = inner.give_up_window();
+    let tagged = Authenticated::new(inner, own, vehicles, authenticator);
+    match window {
+        Some(options) => Box::new(Delayed::around(tagged, own, options)),
+        None => Box::new(tagged),
+    }
+}
+
 /// A navigator in a box is one.
 impl Navigator for Box<dyn Navigator> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
@@ -212,6 +229,10 @@ impl Navigator for Box<dyn Navigator> {
 
     fn profile(&self) -> Profile {
         self.as_ref().profile()
+    }
+
+    fn give_up_window(&mut self) -> Option<DelayedOptions> {
+        self.as_mut().give_up_window()
     }
 
     fn information_nat(&self) -> f64 {

@@ -3,6 +3,7 @@
 pub mod authenticated;
 pub mod clock;
 pub mod dead_reckoning;
+pub mod delayed;
 pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
@@ -121,6 +122,11 @@ pub trait Navigator: Send {
 
     /// What it asks of the mission around it, and what it uses. The same for the whole life of the navigator.
     fn profile(&self) -> Profile;
+
+    /// Gives up its window of late events, if it has one: for a layer that must lie within the window.
+    fn give_up_window(&mut self) -> Option<delayed::DelayedOptions> {
+        None
+    }
 
     /// Information that the last fused range gave on the own position, nat; NaN for a navigator that does not compute
     /// it.

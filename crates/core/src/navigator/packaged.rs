@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 
 use super::settings::{
     BeliefSettings, CekfSettings, Context, DeifRedundantSettings, DeifSettings, DmpfSettings, DriftSettings,
-    InterleavedSettings, LandmarkPaperSettings, LandmarkSettings, Made, MdeifSettings, MpfSettings, Settings,
-    TeamSettings, Unread, as_map,
+    InterleavedSettings, LandmarkPaperSettings, LandmarkSettings, LateSettings, Made, MdeifSettings,
+    MpfSettings, Settings, TeamSettings, Unread, as_map,
 };
 use super::{CentralEstimator, Navigator};
 use crate::chart::Chart;
@@ -65,6 +65,7 @@ const fn method<S: Settings>(central: bool) -> Method {
 fn describe<S: Settings>() -> Result<Value, Error> {
     let bounds: Map<String, Value> = S::bounds()
         .into_iter()
+        .chain(LateSettings::BOUNDS)
         .map(|(option, bound)| {
             let mut limits = Map::new();
             limits.insert(if bound.above { "gt" } else { "ge" }.into(), bound.least.into());
@@ -76,7 +77,9 @@ fn describe<S: Settings>() -> Result<Value, Error> {
         .collect();
     let without: Map<String, Value> =
         S::WITHOUT.iter().map(|(option, reason)| ((*option).to_owned(), (*reason).into())).collect();
-    Ok(json!({ "defaults": as_map(&S::default())?, "bounds": bounds, "without": without }))
+    let mut defaults = as_map(&S::default())?;
+    defaults.extend(as_map(&LateSettings::default())?);
+    Ok(json!({ "defaults": defaults, "bounds": bounds, "without": without }))
 }
 
 fn unread<S: Settings>(stated: &Options) -> Result<Vec<Unread>, Error> {
@@ -131,7 +134,10 @@ impl Packaged {
     /// What [`Settings::complete`] says.
     pub fn unread(&self, stated: &Options) -> Result<Vec<Unread>, Error> {
         let whole: Options = stated.clone().into_iter().chain(self.fixed()?).collect();
-        (self.method.unread)(&whole).map_err(|error| self.renamed(error))
+        let (late, rest) = LateSettings::split(self.name, &whole)?;
+        let mut unread = (self.method.unread)(&rest).map_err(|error| self.renamed(error))?;
+        unread.extend(late.unread(self.method.central));
+        Ok(unread)
     }
 
     /// Options that make it what its name says.
@@ -170,7 +176,11 @@ impl Packaged {
                     });
                 }
             }
-            (self.method.make)(&whole, context, chart)
+            let (late, rest) = LateSettings::split(self.name, &whole)?;
+            Ok(match (self.method.make)(&rest, context, chart)? {
+                Made::Navigator(navigator) => Made::Navigator(late.around(navigator, context.vehicle)),
+                central @ Made::Central(_) => central,
+            })
         };
         read().map_err(|error| self.renamed(error))
     }

@@ -6,7 +6,7 @@ use crate::event::Kind;
 
 /// A set of kinds of events.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Kinds(u16);
+pub struct Kinds(u32);
 
 impl Kinds {
     /// These kinds.

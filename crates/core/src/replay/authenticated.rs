@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::event::VehicleId;
 use crate::link::Authenticator;
 use crate::navigator::Navigator;
-use crate::navigator::authenticated::Authenticated;
+use crate::navigator::authenticated::authenticated;
 
 impl Estimators {
     /// The same team with every vehicle's packets tagged and checked. A centralised estimator sends none.
@@ -14,7 +14,7 @@ impl Estimators {
         let Self::Each(navigators) = self else { return self };
         let vehicles = navigators.len();
         let authenticate = |(own, navigator): (usize, Box<dyn Navigator>)| -> Box<dyn Navigator> {
-            Box::new(Authenticated::new(navigator, own as VehicleId, vehicles, authenticator.clone()))
+            authenticated(navigator, own as VehicleId, vehicles, authenticator.clone())
         };
         Self::Each(navigators.into_iter().enumerate().map(authenticate).collect())
     }

@@ -80,7 +80,7 @@ impl Mission {
             }
             check_travel(o.tol_ns, o.toa_ns)?;
         }
-        events.sort_by_key(|e| (e.t_ns, e.payload.class(), e.vehicle));
+        events.sort_by_key(Event::place);
         opportunities.sort_by_key(|o| (o.tol_ns, o.receiver));
         Ok(Self { vehicles, link, events, slots, opportunities, polls: Vec::new(), end_ns })
     }

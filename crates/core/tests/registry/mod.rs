@@ -349,6 +349,20 @@ pub fn payload_of(kind: Kind, numbers: &[f64], peer: VehicleId, transmit_ns: i64
             peer_bearing_rad: Some(peer_bearing),
             peer_depth_m: Some(peer_depth),
         },
+        (Kind::WaterVelocity, &[f, l, sigma_mps]) => {
+            Payload::WaterVelocity { velocity_mps: [f, l], sigma_mps }
+        }
+        (Kind::BeaconRange, &[e, n, beacon_depth_m, range_m, sigma_m]) => Payload::BeaconRange {
+            measured_ns: transmit_ns,
+            beacon_m: [e, n],
+            beacon_depth_m,
+            range_m,
+            sigma_m,
+            one_way: true,
+        },
+        (Kind::Usbl, &[e, n, ee, en, nn]) => {
+            Payload::Usbl { measured_ns: transmit_ns, position_m: [e, n], covariance_m2: [ee, en, nn] }
+        }
         _ => panic!("{kind:?} has other numbers than {numbers:?}"),
     }
 }

@@ -10,6 +10,7 @@ mod drift;
 mod landmark;
 pub(super) mod landmark_exchange;
 mod landmark_paper;
+mod late;
 mod mpf;
 pub(super) mod origin;
 mod origin_references;
@@ -22,6 +23,7 @@ pub use dmpf::DmpfSettings;
 pub use drift::{DriftPreset, DriftSettings, PRESET_OPTIONS};
 pub use landmark::LandmarkSettings;
 pub use landmark_paper::LandmarkPaperSettings;
+pub use late::LateSettings;
 pub use mpf::MpfSettings;
 pub use origin::{DeifRedundantSettings, DeifSettings, MdeifSettings};
 pub use origin_references::{BeliefSettings, CekfSettings, InterleavedSettings};
@@ -122,31 +124,41 @@ pub trait Settings: Default + Serialize + DeserializeOwned {
     /// [`Error::Setting`] naming an option that the method does not have or whose value has another type;
     /// [`Error::OutOfBound`].
     fn complete(stated: &Map<String, Value>) -> Result<Self, Error> {
-        let refuse = |option: &str, reason: String| Error::Setting {
-            navigator: Self::METHOD,
-            option: option.to_owned(),
-            reason,
-        };
-        let mut full = as_map(&Self::default())?;
-        for (option, value) in stated {
-            if !full.contains_key(option) {
-                let known = Self::WITHOUT.iter().find(|(name, _)| name == option);
-                return Err(refuse(option, known.map_or("no such option", |(_, reason)| reason).to_owned()));
-            }
-            // Alone among defaults, so that the error names the option.
-            let mut alone = as_map(&Self::default())?;
-            alone.insert(option.clone(), value.clone());
-            serde_json::from_value::<Self>(Value::Object(alone))
-                .map_err(|error| refuse(option, format!("{value}: {error}")))?;
-            full.insert(option.clone(), value.clone());
-        }
-        for (option, bound) in Self::bounds() {
-            if let Some(value) = full.get(option).and_then(Value::as_f64) {
-                bound.check(option, value)?;
-            }
-        }
-        serde_json::from_value(Value::Object(full)).map_err(|error| refuse("", error.to_string()))
+        completed(Self::METHOD, Self::WITHOUT, &Self::bounds(), stated)
     }
+}
+
+/// `stated` completed by the defaults of `T`, which has these bounds.
+///
+/// # Errors
+/// As [`Settings::complete`].
+fn completed<T: Default + Serialize + DeserializeOwned>(
+    navigator: &'static str,
+    without: &[Unread],
+    bounds: &[Bounded],
+    stated: &Map<String, Value>,
+) -> Result<T, Error> {
+    let refuse =
+        |option: &str, reason: String| Error::Setting { navigator, option: option.to_owned(), reason };
+    let mut full = as_map(&T::default())?;
+    for (option, value) in stated {
+        if !full.contains_key(option) {
+            let known = without.iter().find(|(name, _)| name == option);
+            return Err(refuse(option, known.map_or("no such option", |(_, reason)| reason).to_owned()));
+        }
+        // Alone among defaults, so that the error names the option.
+        let mut alone = as_map(&T::default())?;
+        alone.insert(option.clone(), value.clone());
+        serde_json::from_value::<T>(Value::Object(alone))
+            .map_err(|error| refuse(option, format!("{value}: {error}")))?;
+        full.insert(option.clone(), value.clone());
+    }
+    for (option, bound) in bounds {
+        if let Some(value) = full.get(*option).and_then(Value::as_f64) {
+            bound.check(option, value)?;
+        }
+    }
+    serde_json::from_value(Value::Object(full)).map_err(|error| refuse("", error.to_string()))
 }
 
 /// Settings as a map from option to value.
