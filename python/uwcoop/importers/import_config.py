@@ -18,6 +18,7 @@ __all__ = ["ROLES", "Beacon", "ImportConfig", "RangeSource", "Sensor", "SensorTa
 
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Names = Annotated[dict[str, str], Field(strict=False)]
+Topics = Annotated[tuple[str, ...], Field(strict=False)]
 PRESETS = Path(__file__).parent / "presets"
 
 
@@ -26,8 +27,8 @@ class Sensor(Table):
 
     use: bool = True
     """False: leave it out, whatever the files offer."""
-    topic: str | None = None
-    """Name of the channel; `{vehicle}` stands for the vehicle's name."""
+    topic: str | Topics | None = None
+    """Name of the channel, or names of which the first that is there is used; `{vehicle}` stands for the vehicle's name."""
     source: str | None = None
     """Name of the file it is in, where several have such a channel."""
     columns: Names = Field(default_factory=dict)

@@ -25,6 +25,7 @@ NEEDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "altimeter": (("altitude",), ("beam_0", "beam_1", "beam_2")),
     "water_depth": (("water_depth",),),
     "truth": (("latitude", "longitude"), ("east", "north")),
+    "range": (("range",), ("travel",)),
 }
 """By role: sets of quantities, one of which it takes."""
 DIMENSIONS: dict[str, str] = {
@@ -36,7 +37,7 @@ DIMENSIONS: dict[str, str] = {
     ),
     **{f"beam_{k}": "length" for k in range(8)},
     **dict.fromkeys(("forward", "left", "right", "speed", "east_velocity", "north_velocity"), "speed"),
-    "turn_rate": "rate", "pressure": "pressure", "mag_x": "field", "mag_y": "field", "mag_z": "field", "age": "time",
+    "turn_rate": "rate", "pressure": "pressure", "mag_x": "field", "mag_y": "field", "mag_z": "field", "age": "time", "travel": "time",
     "sigma": "number", "variance": "number",
 }  # fmt: skip
 """Of quantities; one that is not here has no unit."""
