@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from uwcoop.importers.import_config import ImportConfig, Sensor, VehicleConfig
     from uwcoop.importers.mapping.ownership import Owners
 
-__all__ = ["Binding", "bind_vehicle", "filled_columns", "find_channel", "unclaimed_ranges"]
+__all__ = ["Binding", "bind_vehicle", "filled_columns", "find_channel", "stands_back", "unclaimed_ranges"]
 
 _NOT_BESIDE = {
     "pressure": ("depth",),
@@ -73,16 +73,21 @@ def bind_vehicle(config: ImportConfig, owners: Owners, vehicle: VehicleConfig) -
             binding = _by_type(owners, vehicle, role, settings, notes)
         if binding is not None:
             found[role] = binding
-    for role, others in _NOT_BESIDE.items():
+    for role in _NOT_BESIDE:
         if role in found and not config.is_stated(vehicle, role):
-            other = next((o for o in others if o in found), None)
-            if other is not None:
+            other = stands_back(role, found)
+            if other:
                 dropped = found.pop(role)
                 notes.append(
                     f"{vehicle.name}: {role} of {dropped.channel.name} is not used beside {other} of "
                     f"{found[other].channel.name}: [vehicles.{role}] would use it"
                 )
     return list(found.values()), notes
+
+
+def stands_back(role: str, found: Mapping[str, object]) -> str:
+    """The role beside which this one is left out; "" for none."""
+    return next((other for other in _NOT_BESIDE.get(role, ()) if found.get(other)), "")
 
 
 def find_channel(owners: Owners, topic: str, source: str | None) -> Channel | None:
