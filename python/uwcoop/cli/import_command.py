@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from uwcoop.cli.terminal import print_notes, say, show, terminal
+from uwcoop.cli.terminal import print_notes, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -85,20 +85,24 @@ def _inspect(files: Sequence[Path], config: Path | None, overrides: dict[str, st
         say(f"{source.name}: {source.format}")
         for note in source.notes:
             say(f"note: {note}")
-    show(_table(channel_lines(sources)), terminal(err=True))
+    for line in _listing(channel_lines(sources)):
+        say(line)
     typer.echo(proposed_toml(sources, told), nl=False)
 
 
-def _table(lines: Sequence[ChannelLine]) -> object:
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for heading, right in (("channel", 0), ("type", 0), ("rows", 1), ("Hz", 1), ("from", 0), ("looks like", 0)):
-        table.add_column(heading, justify="right" if right else "left", no_wrap=True)
-    for line in lines:
-        rate = f"{line.rate_hz:.3g}" if line.rate_hz else ""
-        table.add_row(line.name, line.kind, f"{line.count:,}", rate, line.span, line.meaning or "?")
-        for column in line.columns:
-            table.add_row(Text(f"  {column}", style="dim"))
-    return table
+def _listing(lines: Sequence[ChannelLine]) -> list[str]:
+    """Name, type, rows, rate, span and what it looks like, in columns; below each channel its values."""
+    cells = [
+        (
+            line.name, line.kind, f"{line.count:,} rows", f"{line.rate_hz:.3g} Hz" if line.rate_hz else "", line.span,
+            line.meaning or "not recognised",
+        )
+        for line in lines
+    ]  # fmt: skip
+    widths = [max((len(row[k]) for row in cells), default=0) for k in range(5)]
+    listed = []
+    for row, line in zip(cells, lines, strict=True):
+        told = [cell.rjust(w) if k in (2, 3) else cell.ljust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=False))]
+        listed.append("  ".join([*told, row[5]]).rstrip())
+        listed += [f"    {column}" for column in line.columns]
+    return listed

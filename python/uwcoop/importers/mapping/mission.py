@@ -34,6 +34,7 @@ __all__ = ["RIDE", "mission_of"]
 
 RIDE = "packets ride on the ranges that were measured"
 """What of an imported mission is not as it happened."""
+_LONGEST_SILENCE_NS = 6 * 3_600 * 10**9
 Read = tuple[Binding, Series]
 _ADD: dict[str, Any] = {
     "heading": heading.add_heading, "turn_rate": heading.add_turn_rate, "depth": vertical.add_depth,
@@ -171,8 +172,9 @@ def _assembled(
         said.append(f"outside start and end: {cut:,} events and {lost:,} ranges left out")
     for k, name in enumerate(names):
         said += course_lines(name, {kind: _own(table, k) for kind, table in events.items() if _own(table, k)})
-    times = [int(t["t_ns"].max()) for t in events.values()] + [int(opportunities["toa_ns"].max())] * bool(opportunities)
-    duration = -(-max(times) // 10**9) * 10**9 + 10**9
+    stamps = [table["t_ns"] for table in events.values()] + ([opportunities["toa_ns"]] if opportunities else [])
+    _refuse_long_silence(np.unique(np.concatenate(stamps)), zero, absolute)
+    duration = -(-max(int(t.max()) for t in stamps) // 10**9) * 10**9 + 10**9
     truth = truth_of(names, read, known, zero, duration, said)
     name = config.name or stem_of(sources[0].name)
     if absolute:
@@ -216,6 +218,19 @@ def _span(config: ImportConfig, parts: MissionParts, heard: Columns, absolute: b
             raise LogError(f"{key} = {text!r}: {error}") from error
         begin, end = (max(begin, instant), end) if key == "start" else (begin, min(end, instant))
     return begin, end
+
+
+def _refuse_long_silence(t_ns: Any, zero: int, absolute: bool) -> None:
+    """A file of many dives is not one mission."""
+    gaps = np.diff(t_ns)
+    if not gaps.size or gaps.max() <= _LONGEST_SILENCE_NS:
+        return
+    k = int(np.argmax(gaps))
+    ends = [utc_text(int(t) + zero) if absolute else f"{t / 1e9:.1f} s" for t in t_ns[k : k + 2]]
+    raise LogError(
+        f"nothing is recorded from {ends[0]} to {ends[1]}, {gaps[k] / 3.6e12:,.1f} hours: several missions? start and end, or of a "
+        'table where = { column = "text" }, choose one'
+    )
 
 
 def _shifted(kind: str, table: Columns, zero: int) -> Columns:

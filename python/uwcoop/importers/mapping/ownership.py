@@ -102,6 +102,11 @@ class Owners:
         if vehicle.source is not None and not any(_is_source(vehicle.source, c) for c in self.channels):
             hint = nearest(vehicle.source, names)
             raise LogError(f"vehicle {vehicle.name}: source {vehicle.source!r} is none of the files: {hint}")
+        tables = [c for c in self.channels if c.kind == "table"]
+        for label in vehicle.where:
+            if not any(label in c.columns for c in tables):
+                known = list(dict.fromkeys(held for c in tables for held in c.columns))
+                raise LogError(f"vehicle {vehicle.name}: where: there is no column {label!r}: {nearest(label, known)}")
         for channel in self.channels:
             for label, text in vehicle.where.items():
                 if channel.kind == "table" and label in channel.columns and not (_texts(channel, label) == text).any():
