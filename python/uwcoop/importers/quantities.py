@@ -115,6 +115,7 @@ TYPES: dict[str, tuple[Meaning, ...]] = {
     ),
     "dataflash/GPS": (Meaning("fix", {"latitude": "Lat", "longitude": "Lng"}, valid="Status >= 3"),),
     "dataflash/ATT": (Meaning("heading", {"yaw": "Yaw", "roll": "Roll", "pitch": "Pitch"}, frame="ned"),),
+    "dataflash/CTUN": (Meaning("depth", {"up": "Alt"}),),
     "dataflash/RFND": (Meaning("altimeter", {"altitude": "Dist"}),),
     "imc/GpsFix": (
         Meaning("fix", {"latitude": "lat", "longitude": "lon", "sigma": "hacc"}, {"latitude": "rad", "longitude": "rad"}, valid="validity_pos == 1"),

@@ -29,6 +29,8 @@ _DRIVERS = {
     "waterlinked", "ping1d", "microstrain", "clock",
 }  # fmt: skip
 """First words of topics that are those of a driver, not of a vehicle."""
+_OF_ONE = ("moos/", "mavlink/", "dataflash/")
+"""Types of formats whose files are of one vehicle each: their names do not begin with it."""
 _SELF_SUFFICIENT = ({"heading", "odometry"}, {"ground_velocity", "fix", "odometry", "depth", "pressure", "usbl"})
 
 
@@ -143,7 +145,9 @@ class Owners:
         roles: dict[str, set[str]] = {}
         for channel in self.channels:
             parts = channel.name.strip("/").split("/")
-            if channel.kind == "table" or len(parts) < 2 or parts[0].lower() in _DRIVERS:
+            if channel.kind == "table" or channel.kind.startswith(_OF_ONE) or len(parts) < 2:
+                continue
+            if parts[0].lower() in _DRIVERS or parts[0].isdigit():
                 continue
             roles.setdefault(parts[0], set()).update(m.role for m in channel_meanings(channel))
         return [name for name, own in roles.items() if all(own & need for need in _SELF_SUFFICIENT)]

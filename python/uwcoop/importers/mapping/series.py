@@ -162,7 +162,8 @@ def _known(found: Series, binding: Binding) -> Series:
 
 
 def _plausible(found: Series, binding: Binding) -> Series:
-    for name, values in found.values.items():
+    for name in tuple(found.values):
+        values = found.values[name]
         if name not in _PLAUSIBLE or not len(values):
             continue
         low, high = _PLAUSIBLE[name]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -99,20 +100,31 @@ def channels_of(
     return channels, omitted, notes
 
 
-def _stores_of(topic: RawTopic, ros2: bool) -> list[Typestore]:
+def _stores_of(topic: RawTopic, ros2: bool) -> tuple[Typestore, ...]:
     """Type stores that know the topic's type: of the bag's own definition, else of standard releases."""
+    if topic.definition:
+        own = _defined(topic.msgtype, topic.definition, topic.idl, ros2)
+        if own is not None:
+            return (own,)
+    return tuple(store for store in _standard(ros2) if topic.msgtype in store.fielddefs)
+
+
+@lru_cache
+def _standard(ros2: bool) -> tuple[Typestore, ...]:
+    from rosbags.typesys import Stores, get_typestore
+
+    return tuple(map(get_typestore, (Stores.ROS2_JAZZY, Stores.ROS2_HUMBLE) if ros2 else (Stores.ROS1_NOETIC,)))
+
+
+@lru_cache(maxsize=64)
+def _defined(msgtype: str, definition: str, idl: bool, ros2: bool) -> Typestore | None:
+    """The types of a definition, and below them the standard ones; None: it is no definition of the type."""
     from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-    names = (Stores.ROS2_JAZZY, Stores.ROS2_HUMBLE) if ros2 else (Stores.ROS1_NOETIC,)
-    standard = [get_typestore(name) for name in names]
-    if topic.definition:
-        try:
-            text = topic.definition
-            types = get_types_from_idl(text) if topic.idl else get_types_from_msg(text, topic.msgtype)
-            own = get_typestore(Stores.EMPTY)
-            own.register({**standard[0].fielddefs, **types})
-        except Exception:  # what rosbags' parsers raise on a definition that is none is not listed anywhere
-            own = None
-        if own is not None and topic.msgtype in own.fielddefs:
-            return [own]
-    return [store for store in standard if topic.msgtype in store.fielddefs]
+    try:
+        types = get_types_from_idl(definition) if idl else get_types_from_msg(definition, msgtype)
+        own = get_typestore(Stores.EMPTY)
+        own.register({**_standard(ros2)[0].fielddefs, **types})
+    except Exception:  # what rosbags' parsers raise on a definition that is none is not listed anywhere
+        return None
+    return own if msgtype in own.fielddefs else None
