@@ -214,7 +214,7 @@ def _made(
     rows: NDArray[np.bool_] | None,
 ) -> Binding:
     valid = settings.valid or meaning.valid
-    if not settings.valid and valid and valid.split()[0] not in channel.columns:
+    if not settings.valid and valid and valid.rsplit(None, 2)[0] not in channel.columns:
         valid = ""
     return Binding(
         vehicle.name, meaning.role, channel, columns, meaning.units, settings.frame or meaning.frame or "enu", valid,

@@ -193,11 +193,7 @@ def _refuse_other_unit(binding: Binding, found: Series) -> None:
     if name is None or binding.settings.unit is not None or len(found.t_ns) < 3:
         return
     values = found.values[name]
-    if name in binding.units:  # stated by the type, in radians
-        if np.abs(values).max() > 57.29578 * 7:
-            raise LogError(
-                f"{binding.where}: {name} reaches {np.abs(values).max() / 57.29578:.1f} rad: degrees? unit = \"deg\""
-            )
+    if name in binding.units:  # stated by the type
         return
     if values.min() >= -3.2 and values.max() <= 6.3 and np.ptp(values) > 0.02:
         raise LogError(

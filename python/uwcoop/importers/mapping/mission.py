@@ -51,6 +51,7 @@ def mission_of(sources: Sequence[SourceFile], config: ImportConfig) -> MissionLo
     Raises:
         LogError: what is missing, ambiguous or impossible; one line that says what there is.
     """
+    link = _link(config)
     owners = Owners(config, sources)
     said = [note for source in sources for note in source.notes] + owners.notes
     bound: dict[str, list[Binding]] = {}
@@ -78,7 +79,7 @@ def mission_of(sources: Sequence[SourceFile], config: ImportConfig) -> MissionLo
     parts.said.append(f"frame: {how}" + ("" if frame is None else f"; {frame.description}"))
     unused = _unused(sources, {c.name for c in channels} | claimed)
     said = [*said, *parts.said, *([unused] if unused else [])]
-    return _assembled(config, sources, owners, known, parts, ranges, read, absolute, said)
+    return _assembled(config, link, sources, known, parts, ranges, read, absolute, said)
 
 
 def _refuse_nothing(bound: Mapping[str, Sequence[Binding]], sources: Sequence[SourceFile]) -> None:
@@ -145,8 +146,8 @@ def _unused(sources: Sequence[SourceFile], used: set[str]) -> str:
 
 def _assembled(
     config: ImportConfig,
+    link: Link,
     sources: Sequence[SourceFile],
-    owners: Owners,
     known: Sequence[Known],
     parts: MissionParts,
     ranges: Sequence[Ranges],
@@ -154,7 +155,7 @@ def _assembled(
     absolute: bool,
     said: list[str],
 ) -> MissionLog:
-    names = tuple(v.name for v in owners.vehicles)
+    names = tuple(own.name for own in known)
     slots, opportunities = opportunities_of(config, ranges, names)
     begin, end = _span(config, parts, opportunities, absolute)
     zero = begin // 10**9 * 10**9
@@ -184,7 +185,7 @@ def _assembled(
         seed=0,
         vehicles=names,
         duration_ns=duration,
-        link=_link(config),
+        link=link,
         events=events,
         slots=slots,
         opportunities=opportunities,

@@ -33,7 +33,7 @@ _PLAUSIBLE: dict[str, tuple[float, float]] = {
 """What no sensor of a vehicle says in earnest: a value that stands for "no reading"."""
 _MOST_DROPPED = 0.5
 """More than this share outside the bounds is no noise but another unit or column."""
-_CONDITION = re.compile(r"^\s*(\S+)\s*(==|!=|>=|<=|>|<)\s*(-?[\d.eE+-]+)\s*$")
+_CONDITION = re.compile(r"^\s*(.+?)\s*(==|!=|>=|<=|>|<)\s*(-?[\d.eE+-]+)\s*$")
 _COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     "==": operator.eq, "!=": operator.ne, ">=": operator.ge, "<=": operator.le, ">": operator.gt, "<": operator.lt,
 }  # fmt: skip
