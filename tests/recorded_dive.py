@@ -93,7 +93,9 @@ def messages(store: Any, ros1: bool) -> list[tuple[int, str, str, Any]]:
             )  # fmt: skip
             covariance = np.zeros(36)
             covariance[[0, 7, 14]] = 4e-4
-            twist = kinds["geometry_msgs/msg/Twist"](vector(x=float(own["forward"][k]), y=0.0, z=0.0), nothing)
+            twist = kinds["geometry_msgs/msg/Twist"](
+                vector(x=float(own["forward"][k]), y=0.0, z=0.0), nothing
+            )
             put(
                 t, f"/{name}/dvl", "geometry_msgs/msg/TwistWithCovarianceStamped",
                 twist=kinds["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=covariance),
@@ -109,7 +111,15 @@ def messages(store: Any, ros1: bool) -> list[tuple[int, str, str, Any]]:
             )  # fmt: skip
             if k and k % 10 == 5 * index:
                 away = distance_m(0, 1, k)
-                put(t, f"/{name}/modem/range", "sensor_msgs/msg/Range", min_range=0.0, max_range=3e3, range=away, **span)
+                put(
+                    t,
+                    f"/{name}/modem/range",
+                    "sensor_msgs/msg/Range",
+                    min_range=0.0,
+                    max_range=3e3,
+                    range=away,
+                    **span,
+                )
     return sorted(rows, key=lambda row: (row[0], row[1]))
 
 
@@ -126,7 +136,9 @@ def write_bags(folder: Path, kinds: tuple[str, ...] = ("mcap", "sqlite3", "ros1"
         store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
         made[kind] = folder / (f"dive-{kind}" + (".bag" if ros1 else ""))
         plugin = {"mcap": StoragePlugin.MCAP, "sqlite3": StoragePlugin.SQLITE3}.get(kind)
-        writer: Any = Ros1Writer(made[kind]) if ros1 else Ros2Writer(made[kind], version=9, storage_plugin=plugin)
+        writer: Any = (
+            Ros1Writer(made[kind]) if ros1 else Ros2Writer(made[kind], version=9, storage_plugin=plugin)
+        )
         serialize: Any = store.serialize_ros1 if ros1 else store.serialize_cdr
         with writer:
             connections: dict[str, Any] = {}
@@ -153,7 +165,9 @@ def write_tables(folder: Path, order: int = 0) -> list[Path]:
             for k, t in enumerate(own["t"])
         ]  # fmt: skip
         labels = list(rows[0])
-        labels = [labels[k] for k in np.random.default_rng(order).permutation(len(labels))] if order else labels
+        labels = (
+            [labels[k] for k in np.random.default_rng(order).permutation(len(labels))] if order else labels
+        )
         paths.append(folder / f"{name}.csv")
         with paths[-1].open("w", newline="") as file:
             writer = csv.DictWriter(file, labels)
@@ -180,8 +194,12 @@ def write_tlog(path: Path) -> Path:
             ms, heading = int(t * 1000), float(np.pi / 2 - own["yaw"][k])
             sent = [
                 dialect.MAVLink_attitude_message(ms, 0.0, 0.05, heading, 0.0, 0.0, 0.01),
-                dialect.MAVLink_scaled_pressure2_message(ms, 1013.25 + 10.25 * 9.80665 * float(own["depth"][k]), 0.0, 900),
-                dialect.MAVLink_distance_sensor_message(ms, 30, 5000, int(100 * own["altitude"][k]), 2, 1, 25, 0),
+                dialect.MAVLink_scaled_pressure2_message(
+                    ms, 1013.25 + 10.25 * 9.80665 * float(own["depth"][k]), 0.0, 900
+                ),
+                dialect.MAVLink_distance_sensor_message(
+                    ms, 30, 5000, int(100 * own["altitude"][k]), 2, 1, 25, 0
+                ),
             ]
             if k % 30 == 0:
                 place = int(latitude[k] * 1e7), int(longitude[k] * 1e7)
@@ -219,7 +237,15 @@ def write_dataflash(path: Path) -> Path:
     for k, t in enumerate(own["t"]):
         micros = 5_000_000 + int(t * 1e6)
         if k % 30 == 0:
-            put(1, micros, 3, into_ms + int(t * 1000), week, round(latitude[k] * 1e7), round(longitude[k] * 1e7))
+            put(
+                1,
+                micros,
+                3,
+                into_ms + int(t * 1000),
+                week,
+                round(latitude[k] * 1e7),
+                round(longitude[k] * 1e7),
+            )
         put(2, micros, 0, 0, round(100 * ((90 - np.rad2deg(own["yaw"][k])) % 360)))
         put(3, micros, float(own["altitude"][k]))
     path.write_bytes(bytes(content))
@@ -230,10 +256,21 @@ def write_alog(path: Path) -> Path:
     """The first vehicle as MOOS logs it."""
     own = swim(0)
     latitude, longitude = degrees_of(own)
-    lines = ["%" * 40, f"%% LOG FILE:   {path}", "%% FILE OPENED ON  Thu Oct  9 08:53:20 2025", f"%% LOGSTART   {T0}.0", "%" * 40]
+    lines = [
+        "%" * 40,
+        f"%% LOG FILE:   {path}",
+        "%% FILE OPENED ON  Thu Oct  9 08:53:20 2025",
+        f"%% LOGSTART   {T0}.0",
+        "%" * 40,
+    ]
     for k, t in enumerate(own["t"]):
         heading = (90 - np.rad2deg(own["yaw"][k])) % 360
-        told = {"NAV_HEADING": heading, "NAV_DEPTH": own["depth"][k], "NAV_SPEED": own["forward"][k], "NAV_ALTITUDE": own["altitude"][k]}
+        told = {
+            "NAV_HEADING": heading,
+            "NAV_DEPTH": own["depth"][k],
+            "NAV_SPEED": own["forward"][k],
+            "NAV_ALTITUDE": own["altitude"][k],
+        }
         lines += [f"{t:<15.5f} {name:<20} {'pNav':<15} {value:.6f}" for name, value in told.items()]
         if k % 30 == 0:
             lines += [f"{t + 0.001:<15.5f} {'GPS_LATITUDE':<20} {'iGPS':<15} {latitude[k]:.8f}"]

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded_dive import LAT0, LON0, T0, Array, channel, source, yaw_quaternion
 
+from recorded_dive import LAT0, LON0, T0, Array, channel, source, yaw_quaternion
 from uwcoop.errors import LogError
+from uwcoop.frames import LocalFrame, wrap_angle
 from uwcoop.importers.channels import Channel
 from uwcoop.importers.import_config import load_config
 from uwcoop.importers.mapping.heading import declination_deg
 from uwcoop.importers.mapping.mission import mission_of
 from uwcoop.importers.mapping.vertical import depth_of_pressure
-from uwcoop.frames import LocalFrame, wrap_angle
 from uwcoop.missionlog import MissionLog
 
 T = np.arange(40.0)
@@ -57,7 +57,7 @@ tilts = st.floats(-0.6, 0.6)
 @settings(max_examples=40, deadline=None)
 @given(yaw=angles, roll=tilts, pitch=tilts)
 def test_an_orientation_is_the_same_in_both_conventions(yaw: float, roll: float, pitch: float) -> None:
-    """ENU with forward-left-up, and NED with forward-right-down: heading from north, roll the same, pitch the other way."""
+    """ENU with forward-left-up, and NED with forward-right-down: roll the same, pitch the other way."""
     yaws = np.full(5, yaw)
     enu = of(imu(yaws, roll=roll, pitch=-pitch), dvl())
     ned = of(imu(np.pi / 2 - yaws, roll=roll, pitch=pitch), dvl(), sensors={"heading": {"frame": "ned"}})
@@ -71,12 +71,16 @@ def down(log: MissionLog) -> Array:
 
 def ranger(value: float) -> Channel:
     full = np.full(len(T), value)
-    return channel("/v/alt", "sensor_msgs/msg/Range", T, range=full, min_range=0 * full, max_range=100 + 0 * full)
+    return channel(
+        "/v/alt", "sensor_msgs/msg/Range", T, range=full, min_range=0 * full, max_range=100 + 0 * full
+    )
 
 
 @settings(max_examples=40, deadline=None)
 @given(yaw=angles, roll=tilts, pitch=tilts, far=st.floats(1, 50))
-def test_an_altimeter_measures_along_its_tilted_beam(yaw: float, roll: float, pitch: float, far: float) -> None:
+def test_an_altimeter_measures_along_its_tilted_beam(
+    yaw: float, roll: float, pitch: float, far: float
+) -> None:
     yaws = np.full(len(T), yaw)
     depth = channel("/v/depth", "std_msgs/msg/Float64", T, data=np.full(len(T), 7.0))
     told = {"vehicles": [{"name": "v", "depth": {"topic": "/v/depth"}}]}
@@ -86,7 +90,9 @@ def test_an_altimeter_measures_along_its_tilted_beam(yaw: float, roll: float, pi
 
 def test_a_beam_that_is_mounted_ahead_looks_ahead() -> None:
     depth = channel("/v/depth", "std_msgs/msg/Float64", T, data=np.zeros(len(T)))
-    told = {"vehicles": [{"name": "v", "depth": {"topic": "/v/depth"}, "altimeter": {"mounting_deg": [0, 30, 0]}}]}
+    told = {
+        "vehicles": [{"name": "v", "depth": {"topic": "/v/depth"}, "altimeter": {"mounting_deg": [0, 30, 0]}}]
+    }
     log = of(imu(np.zeros(len(T))), dvl(), ranger(10.0), depth, **told)
     np.testing.assert_allclose(down(log), 10 * np.cos(np.deg2rad(30)))
 
@@ -114,7 +120,9 @@ def test_four_beams_over_a_flat_seabed_agree_whatever_the_attitude(beams: str) -
 
 def test_velocities_of_a_driver_that_looks_down_have_their_left_turned_round() -> None:
     full = np.ones(len(T))
-    report = channel("/v/dvl/data", "dvl_msgs/msg/DVL", T, velocity__x=full, velocity__y=0.3 * full, velocity_valid=full)
+    report = channel(
+        "/v/dvl/data", "dvl_msgs/msg/DVL", T, velocity__x=full, velocity__y=0.3 * full, velocity_valid=full
+    )
     log = of(imu(np.zeros(len(T))), report)
     np.testing.assert_allclose(column(log, "ground_velocity", "left_mps"), -0.3)
     flu = of(imu(np.zeros(len(T))), report, sensors={"ground_velocity": {"frame": "flu"}})
@@ -151,7 +159,9 @@ def fixes(name: str = "/v/gps", **columns: Any) -> Channel:
 
 def test_an_antenna_aft_gives_the_place_of_the_point() -> None:
     told = {"origin_deg": [LAT0, LON0], "sensors": {"fix": {"lever_arm_m": [-2.0, 0.0, 0.0]}}}
-    plain, mounted = (of(fixes(), imu(np.full(len(T), np.pi / 2)), **t) for t in ({"origin_deg": [LAT0, LON0]}, told))
+    plain, mounted = (
+        of(fixes(), imu(np.full(len(T), np.pi / 2)), **t) for t in ({"origin_deg": [LAT0, LON0]}, told)
+    )
     np.testing.assert_allclose(column(mounted, "fix", "n_m") - column(plain, "fix", "n_m"), 2.0)
     np.testing.assert_allclose(column(mounted, "fix", "e_m"), column(plain, "fix", "e_m"), atol=1e-9)
 
@@ -159,7 +169,10 @@ def test_an_antenna_aft_gives_the_place_of_the_point() -> None:
 def test_a_covariance_that_is_unknown_is_not_taken_as_exact() -> None:
     full = np.ones(len(T))
     kind = np.where(T < 10, 0, 2)
-    cov = {"position_covariance[0]": np.where(T < 20, 0.0, 9.0), "position_covariance[4]": np.where(T < 20, 0.0, 4.0)}
+    cov = {
+        "position_covariance[0]": np.where(T < 20, 0.0, 9.0),
+        "position_covariance[4]": np.where(T < 20, 0.0, 4.0),
+    }
     log = of(fixes(position_covariance_type=kind, **cov, **{"position_covariance[1]": 0 * full}), imu(0 * T))
     np.testing.assert_allclose(column(log, "fix", "cov_ee_m2"), np.where(T < 20, 25.0, 9.0))
     np.testing.assert_allclose(column(log, "fix", "cov_nn_m2"), np.where(T < 20, 25.0, 4.0))
@@ -187,7 +200,9 @@ UNITS = {
 
 
 @pytest.mark.parametrize(("role", "label", "unit", "factor"), sorted(UNITS))
-def test_units_are_those_of_the_name_or_of_the_settings(role: str, label: str, unit: str, factor: float) -> None:
+def test_units_are_those_of_the_name_or_of_the_settings(
+    role: str, label: str, unit: str, factor: float
+) -> None:
     told = {"sensors": {role: {"unit": unit}}} if unit else {}
     log = of(table(lat=LAT0 + 1e-6 * T, lon=LON0, heading_deg=80 + T, **{label: 10.0}), **told)
     np.testing.assert_allclose(column(log, "depth", "depth_m"), 10.0 * factor)
@@ -222,11 +237,15 @@ def _without_gsw(vertical: Any, pascal: Array, latitude: float) -> tuple[Array, 
 
 def test_a_sensor_that_counts_from_its_own_zero_is_put_on_the_recorders_clock() -> None:
     own = imu(np.zeros(len(T)))
-    late = Channel("dive", "/v/imu", own.kind, (T * 1e9).astype(np.int64), own.columns, clock="own", received_ns=own.t_ns)
+    late = Channel(
+        "dive", "/v/imu", own.kind, (T * 1e9).astype(np.int64), own.columns, clock="own", received_ns=own.t_ns
+    )
     log = of(fixes(), late)
     np.testing.assert_array_equal(column(log, "heading", "t_ns"), column(log, "fix", "t_ns"))
     assert any("/v/imu: its stamps count from a zero of their own" in note for note in log.notes)
-    with pytest.raises(LogError, match=r"/v/imu of dive counts time from a zero of its own.*cannot be put on one clock"):
+    with pytest.raises(
+        LogError, match=r"/v/imu of dive counts time from a zero of its own.*cannot be put on one clock"
+    ):
         of(fixes(), late, align_clocks=False)
 
 
@@ -240,8 +259,13 @@ def test_jumps_and_drift_of_a_clock_are_said() -> None:
         twist__twist__linear__x=1 + 0 * t, twist__twist__linear__y=0 * t,
     )  # fmt: skip
     log = of(jump, drift)
-    assert any("/v/imu: its clock jumps against the recorder's 1 times, first 30" in n and "+4.000 s" in n for n in log.notes)
-    assert any("/v/dvl: its clock drifts against the recorder's by +500 ppm, +0.300 s" in note for note in log.notes)
+    assert any(
+        "/v/imu: its clock jumps against the recorder's 1 times, first 30" in n and "+4.000 s" in n
+        for n in log.notes
+    )
+    assert any(
+        "/v/dvl: its clock drifts against the recorder's by +500 ppm, +0.300 s" in note for note in log.notes
+    )
 
 
 def test_stamps_out_of_order_and_twice_are_mended_and_counted() -> None:
@@ -252,7 +276,10 @@ def test_stamps_out_of_order_and_twice_are_mended_and_counted() -> None:
     })  # fmt: skip
     log = of(mixed, dvl())
     np.testing.assert_allclose(column(log, "heading", "yaw_rad"), values, atol=1e-12)
-    assert any("stamps before the one before them: sorted; 1 with a stamp that is there already" in n for n in log.notes)
+    assert any(
+        "stamps before the one before them: sorted; 1 with a stamp that is there already" in n
+        for n in log.notes
+    )
 
 
 def test_fast_sensors_are_thinned_and_offsets_move_their_stamps() -> None:
@@ -301,7 +328,14 @@ def test_a_range_to_a_beacon_is_an_event_and_one_to_a_vehicle_a_signal() -> None
 def test_usbl_as_bearing_and_range_from_a_ship_that_turns() -> None:
     yaw = 0.05 * T
     # The vehicle lies 30 m to starboard of the ship, 40 m below it.
-    usbl = channel("/ship/usbl", "my_msgs/msg/Usbl", T, az=90 + 0 * T, slant=50 + 0 * T, el=np.rad2deg(np.arctan2(40, 30)) + 0 * T)
+    usbl = channel(
+        "/ship/usbl",
+        "my_msgs/msg/Usbl",
+        T,
+        az=90 + 0 * T,
+        slant=50 + 0 * T,
+        el=np.rad2deg(np.arctan2(40, 30)) + 0 * T,
+    )
     told = {
         "vehicles": [
             {"name": "ship"},
@@ -323,7 +357,13 @@ def test_usbl_as_bearing_and_range_from_a_ship_that_turns() -> None:
 @settings(max_examples=25, deadline=None)
 @given(order=st.permutations(range(5)), yaw=angles)
 def test_the_order_of_channels_does_not_count(order: list[int], yaw: float) -> None:
-    channels = [imu(np.full(len(T), yaw)), dvl(), fixes(), ranger(9.0), channel("/v/x", "std_msgs/msg/String", T, a=T)]
+    channels = [
+        imu(np.full(len(T), yaw)),
+        dvl(),
+        fixes(),
+        ranger(9.0),
+        channel("/v/x", "std_msgs/msg/String", T, a=T),
+    ]
     one = of(*channels, origin_deg=[LAT0, LON0])
     other = of(*(channels[k] for k in order), origin_deg=[LAT0, LON0])
     for kind, events in one.events.items():

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recorded_dive import LAT0, LON0, Array, channel, source, swim, write_bags, write_tables, yaw_quaternion
 from typer.testing import CliRunner
 
+from recorded_dive import LAT0, LON0, Array, channel, source, swim, write_bags, write_tables, yaw_quaternion
 from uwcoop.cli import app
 from uwcoop.errors import LogError, ScenarioError
 from uwcoop.importers.channels import Channel
@@ -22,7 +22,9 @@ T = np.arange(60.0)
 
 
 def imu(name: str, yaw: Array) -> Channel:
-    return channel(name, "sensor_msgs/msg/Imu", T, **{k.replace(".", "__"): v for k, v in yaw_quaternion(yaw).items()})
+    return channel(
+        name, "sensor_msgs/msg/Imu", T, **{k.replace(".", "__"): v for k, v in yaw_quaternion(yaw).items()}
+    )
 
 
 def dvl(name: str = "/v/dvl", left: float = 0.0) -> Channel:
@@ -38,6 +40,11 @@ def gps(name: str = "/v/gps") -> Channel:
         name, "sensor_msgs/msg/NavSatFix", T, latitude=LAT0 + own["north"][:60] / 111_132.0,
         longitude=LON0 + own["east"][:60] / (111_320 * np.cos(np.deg2rad(LAT0))),
     )  # fmt: skip
+
+
+def usbl() -> Channel:
+    place = {"pose__pose__position__x": T, "pose__pose__position__y": T}
+    return channel("/v/usbl", "geometry_msgs/msg/PoseWithCovarianceStamped", T, **place)
 
 
 def table(**columns: Any) -> Channel:
@@ -60,7 +67,7 @@ POSITION = {"lat": LAT0 + 1e-5 * T, "lon": LON0}
 CASES: dict[str, tuple[list[Channel], dict[str, Any], tuple[str, ...]]] = {
     "needed topics are missing": (
         [imu("/v/imu", 0 * T), channel("/v/camera", "sensor_msgs/msg/Image", T, height=T)], {},
-        ("vehicle v", "nothing that says how it moves", "fix, usbl, ground_velocity", "/v/camera (sensor_msgs/msg/Image)"),
+        ("vehicle v", "nothing that says how it moves", "fix, usbl, ground_velocity", "/v/camera (sensor_msgs/msg/Im"),
     ),
     "two channels may be it": (
         [imu("/v/imu", 0 * T), imu("/v/ahrs", 0 * T), dvl()], {},
@@ -71,12 +78,15 @@ CASES: dict[str, tuple[list[Channel], dict[str, Any], tuple[str, ...]]] = {
         ("ground_velocity: there is no topic '/v/dvll': did you mean '/v/dvl'?",),
     ),
     "no such column": (
-        [table(**POSITION, dpth=5.0)], {"vehicles": [{"name": "v", "depth": {"topic": "v.csv", "columns": {"depth": "dept"}}}]},
+        [table(**POSITION, dpth=5.0)],
+        {"vehicles": [{"name": "v", "depth": {"topic": "v.csv", "columns": {"depth": "dept"}}}]},
         ("has no column 'dept': did you mean 'dpth'?",),
     ),
     "which column": (
-        [dvl(), channel("/v/my", "my_msgs/msg/Depth", T, below=T, error=T)], {"vehicles": [{"name": "v", "depth": {"topic": "/v/my"}}]},
-        ("depth needs (depth) or (up); /v/my (my_msgs/msg/Depth) has the columns below, error", 'columns = { depth = "…" }'),
+        [dvl(), channel("/v/my", "my_msgs/msg/Depth", T, below=T, error=T)],
+        {"vehicles": [{"name": "v", "depth": {"topic": "/v/my"}}]},
+        ("depth needs (depth) or (up); /v/my (my_msgs/msg/Depth) has the columns below, error",
+         'columns = { depth = "…" }'),
     ),
     "headings in radians": (
         [table(**POSITION, heading=np.linspace(0.1, 6.2, len(T)))], {},
@@ -90,28 +100,37 @@ CASES: dict[str, tuple[list[Channel], dict[str, Any], tuple[str, ...]]] = {
         [table(lat=np.deg2rad(LAT0) + 1e-7 * T, lon=np.deg2rad(LON0))], {}, ("degrees, or radians?", 'unit = "rad"')
     ),
     "latitude and longitude changed over": (
-        [table(lat=-122.4 + 1e-5 * T, lon=47.6)], {}, ("latitude is -122.4 to -122.399 deg in 60 of 60 rows, must be -90 to 90",)
+        [table(lat=-122.4 + 1e-5 * T, lon=47.6)], {},
+        ("latitude is -122.4 to -122.399 deg in 60 of 60 rows, must be -90 to 90",)
     ),
     "centimetres as metres": (
         [table(**POSITION, altitude=np.linspace(2e4, 3e4, len(T)), depth=5.0)], {},
         ("altitude is 20000 to 30000 m in 60 of 60 rows", "unit = …"),
     ),
-    "depth that is an altitude": ([table(**POSITION, depth=-12.0)], {}, ("above the surface: positive up?", "columns = { up")),
+    "depth that is an altitude": (
+        [table(**POSITION, depth=-12.0)], {}, ("above the surface: positive up?", "columns = { up")
+    ),
     "no unit": (
-        [table(**POSITION, depth=3.0)], {"sensors": {"depth": {"unit": "feets"}}}, ("'feets' is no unit of length: did you mean 'feet'?",)
+        [table(**POSITION, depth=3.0)], {"sensors": {"depth": {"unit": "feets"}}},
+        ("'feets' is no unit of length: did you mean 'feet'?",)
     ),
     "metres without an origin": (
-        [gps(), channel("/v/usbl", "geometry_msgs/msg/PoseWithCovarianceStamped", T, pose__pose__position__x=T, pose__pose__position__y=T)],
+        [gps(), usbl()],
         {}, ("usbl of /v/usbl is in metres and vehicle v: fix of /v/gps in degrees: origin_deg = [latitude, longitude]",),
     ),
-    "condition": ([gps()], {"sensors": {"fix": {"valid": "quality > 3"}}}, ("valid = 'quality > 3' must be a column", "latitude")),
-    "nothing left": ([gps()], {"sensors": {"fix": {"valid": "latitude > 80"}}}, ("none of its 60 rows can be used: 60 without",)),
+    "condition": (
+        [gps()], {"sensors": {"fix": {"valid": "quality > 3"}}}, ("valid = 'quality > 3' must be a column", "latitude")
+    ),
+    "nothing left": (
+        [gps()], {"sensors": {"fix": {"valid": "latitude > 80"}}}, ("none of its 60 rows can be used: 60 without",)
+    ),
     "a range to whom": (
         [gps(), channel("/v/modem", "sensor_msgs/msg/Range", T, range=30 + T)], {"ranges": [{"topic": "/v/modem"}]},
         ('ranges of /v/modem from v: to = "…" is missing: nobody else',),
     ),
     "a range to a stranger": (
-        [gps(), channel("/v/modem", "sensor_msgs/msg/Range", T, range=30 + T)], {"ranges": [{"topic": "/v/modem", "to": "w"}]},
+        [gps(), channel("/v/modem", "sensor_msgs/msg/Range", T, range=30 + T)],
+        {"ranges": [{"topic": "/v/modem", "to": "w"}]},
         ("'w' is no vehicle or beacon",),
     ),
     "a date that is none": ([gps()], {"start": "yesterday"}, ("start = 'yesterday'",)),
@@ -160,7 +179,9 @@ def test_ned_taken_as_enu_is_said() -> None:
     right = of(gps(), imu("/v/imu", yaw), dvl(), origin_deg=[LAT0, LON0])
     wrong = of(gps(), imu("/v/imu", np.pi / 2 - yaw), dvl(), origin_deg=[LAT0, LON0])
     assert not any(note.startswith("CHECK") for note in right.notes)
-    line = next(note for note in wrong.notes if note.startswith("CHECK v: heading and course over ground differ by"))
+    line = next(
+        note for note in wrong.notes if note.startswith("CHECK v: heading and course over ground differ by")
+    )
     assert 'they agree with frame = "ned" in its place' in line
 
 
@@ -192,7 +213,9 @@ def test_two_files_of_one_name_and_a_bag_without_sensors(tmp_path: Path) -> None
     with pytest.raises(LogError, match=r"two files are called 'alpha.csv'"):
         import_recordings(files)
     bag = write_bags(tmp_path, ("ros1",))["ros1"]
-    with pytest.raises(LogError, match=r"vehicle charlie: no channel is one of its sensors; the files hold /alpha/altimeter"):
+    with pytest.raises(
+        LogError, match=r"vehicle charlie: no channel is one of its sensors; the files hold /alpha/altimeter"
+    ):
         import_recordings([bag], overrides={"vehicles": [{"name": "charlie", "namespace": "charlie"}]})
     with pytest.raises(LogError, match=r"source 'delta' is none of the files"):
         import_recordings([bag], overrides={"vehicles": [{"name": "alpha", "source": "delta"}]})

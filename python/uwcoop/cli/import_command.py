@@ -29,14 +29,21 @@ def import_(
     ] = None,
     config: Annotated[
         Path | None,
-        typer.Option("--config", "-c", metavar="FILE.toml", help="Which channel is which sensor; see --inspect."),
+        typer.Option(
+            "--config", "-c", metavar="FILE.toml", help="Which channel is which sensor; see --inspect."
+        ),
     ] = None,
     preset: Annotated[
-        str | None, typer.Option("--preset", metavar="NAME", help="A packaged mapping: bluerov2, cougars, holoocean, iver.")
+        str | None,
+        typer.Option(
+            "--preset", metavar="NAME", help="A packaged mapping: bluerov2, cougars, holoocean, iver."
+        ),
     ] = None,
     inspect: Annotated[
         bool,
-        typer.Option("--inspect", help="List what the files hold, and print the TOML that would import them."),
+        typer.Option(
+            "--inspect", help="List what the files hold, and print the TOML that would import them."
+        ),
     ] = False,
     truth: Annotated[
         list[str] | None,
@@ -57,7 +64,9 @@ def import_(
         _inspect(files, config, overrides)
         return
     if output is None or output.suffix != ".mcap":
-        raise typer.BadParameter("must be a file that ends in .mcap, or --inspect lists what there is", param_hint="-o")
+        raise typer.BadParameter(
+            "must be a file that ends in .mcap, or --inspect lists what there is", param_hint="-o"
+        )
     check_file(output)
     log = import_recordings(files, config, overrides=overrides, truth=truth or ())
     write_log(log, output)
@@ -102,7 +111,10 @@ def _listing(lines: Sequence[ChannelLine]) -> list[str]:
     widths = [max((len(row[k]) for row in cells), default=0) for k in range(5)]
     listed = []
     for row, line in zip(cells, lines, strict=True):
-        told = [cell.rjust(w) if k in (2, 3) else cell.ljust(w) for k, (cell, w) in enumerate(zip(row, widths, strict=False))]
+        told = [
+            cell.rjust(w) if k in (2, 3) else cell.ljust(w)
+            for k, (cell, w) in enumerate(zip(row, widths, strict=False))
+        ]
         listed.append("  ".join([*told, row[5]]).rstrip())
         listed += [f"    {column}" for column in line.columns]
     return listed

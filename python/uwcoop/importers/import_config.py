@@ -14,7 +14,16 @@ from uwcoop.importers.bounded import read_text, refused
 from uwcoop.scenario.base import NAME, NonNegative, PlaceDeg, Point, Positive, Table, nearest
 from uwcoop.scenario.validation_message import one_line
 
-__all__ = ["ROLES", "Beacon", "ImportConfig", "RangeSource", "Sensor", "SensorTables", "VehicleConfig", "load_config"]
+__all__ = [
+    "ROLES",
+    "Beacon",
+    "ImportConfig",
+    "RangeSource",
+    "Sensor",
+    "SensorTables",
+    "VehicleConfig",
+    "load_config",
+]
 
 Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 Names = Annotated[dict[str, str], Field(strict=False)]
@@ -28,7 +37,7 @@ class Sensor(Table):
     use: bool = True
     """False: leave it out, whatever the files offer."""
     topic: str | Topics | None = None
-    """Name of the channel, or names of which the first that is there is used; `{vehicle}` stands for the vehicle's name."""
+    """Name of the channel, or names of which the first that is there counts; `{vehicle}`: the vehicle's name."""
     source: str | None = None
     """Name of the file it is in, where several have such a channel."""
     columns: Names = Field(default_factory=dict)
@@ -82,7 +91,7 @@ class HeadingSensor(Sensor):
     sigma_deg: Positive | None = None
     """None: as the messages state, else 2°."""
     declination_deg: float | Literal["wmm"] = 0.0
-    """Of a magnetic heading, east positive; "wmm": by the World Magnetic Model at place and date; 0: it is true already."""
+    """Of a magnetic heading, east positive; "wmm": by the World Magnetic Model; 0: the heading is a true one."""
 
 
 class TurnRateSensor(Sensor):
@@ -128,7 +137,7 @@ class AltimeterSensor(DepthSensor):
     beam_tilt_deg: Annotated[float, Field(ge=0, lt=80)] = 22.5
     """Of the beams of a DVL from its axis, where the messages do not state their directions."""
     beams: Literal["mean", "each"] = "mean"
-    """Of several beams: one sounding of their mean, or one of each. Beams of one ping share the errors of depth and tilt."""
+    """One sounding of the mean of several beams, or one of each; those of a ping share the errors of depth and tilt."""
 
 
 class SensorTables(Table):
@@ -249,7 +258,9 @@ class ImportConfig(Table):
         names = [v.name for v in self.vehicles] + [b.name for b in self.beacons]
         for name in names:
             if names.count(name) > 1:
-                raise ValueError(f"name {name!r} is given {names.count(name)} times: vehicles and beacons need one each")
+                raise ValueError(
+                    f"name {name!r} is given {names.count(name)} times: vehicles and beacons need one each"
+                )
         return self
 
     def sensor(self, vehicle: VehicleConfig | None, role: str) -> Sensor:
@@ -268,7 +279,6 @@ class ImportConfig(Table):
         return getattr(self.sensors, role) is not None or (
             vehicle is not None and getattr(vehicle, role) is not None
         )
-
 
 
 def load_config(path: str | Path | None, overrides: Mapping[str, Any] | None = None) -> ImportConfig:

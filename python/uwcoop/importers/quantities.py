@@ -37,7 +37,8 @@ DIMENSIONS: dict[str, str] = {
     ),
     **{f"beam_{k}": "length" for k in range(8)},
     **dict.fromkeys(("forward", "left", "right", "speed", "east_velocity", "north_velocity"), "speed"),
-    "turn_rate": "rate", "pressure": "pressure", "mag_x": "field", "mag_y": "field", "mag_z": "field", "age": "time", "travel": "time",
+    "turn_rate": "rate", "pressure": "pressure", "mag_x": "field", "mag_y": "field", "mag_z": "field", "age": "time",
+    "travel": "time",
     "sigma": "number", "variance": "number",
 }  # fmt: skip
 """Of quantities; one that is not here has no unit."""
@@ -67,8 +68,13 @@ def _prefixed(prefix: str, columns: Mapping[str, str]) -> dict[str, str]:
 
 _RAD = {"yaw": "rad", "roll": "rad", "pitch": "rad", "turn_rate": "rad/s"}
 _IMU = (
-    Meaning("heading", {**_QUATERNION, "variance": "orientation_covariance[8]", "unknown": "orientation_covariance[0]"}),
-    Meaning("turn_rate", {"turn_rate": "angular_velocity.z", "variance": "angular_velocity_covariance[8]"}, _RAD),
+    Meaning(
+        "heading",
+        {**_QUATERNION, "variance": "orientation_covariance[8]", "unknown": "orientation_covariance[0]"},
+    ),
+    Meaning(
+        "turn_rate", {"turn_rate": "angular_velocity.z", "variance": "angular_velocity_covariance[8]"}, _RAD
+    ),
 )
 _TWIST = Meaning(
     "ground_velocity",
@@ -91,7 +97,9 @@ TYPES: dict[str, tuple[Meaning, ...]] = {
     "sensor_msgs/msg/MagneticField": (
         Meaning("heading", {f"mag_{axis}": f"magnetic_field.{axis}" for axis in "xyz"}, frame="flu"),
     ),
-    "geometry_msgs/msg/QuaternionStamped": (Meaning("heading", _prefixed("quaternion.", {k: v[-1] for k, v in _QUATERNION.items()})),),
+    "geometry_msgs/msg/QuaternionStamped": (
+        Meaning("heading", {quantity: f"quaternion.{column[-1]}" for quantity, column in _QUATERNION.items()}),
+    ),
     "geometry_msgs/msg/TwistWithCovarianceStamped": (_TWIST,),
     "geometry_msgs/msg/PoseWithCovarianceStamped": (Meaning("usbl", _POSITION),),
     "nav_msgs/msg/Odometry": (Meaning("odometry", _POSE),),
@@ -100,7 +108,10 @@ TYPES: dict[str, tuple[Meaning, ...]] = {
     ),
     "sensor_msgs/msg/FluidPressure": (Meaning("pressure", {"pressure": "fluid_pressure", "variance": "variance"}),),
     "mavlink/GPS_RAW_INT": (
-        Meaning("fix", {"latitude": "lat", "longitude": "lon"}, {"latitude": "dege7", "longitude": "dege7"}, valid="fix_type >= 3"),
+        Meaning(
+            "fix", {"latitude": "lat", "longitude": "lon"}, {"latitude": "dege7", "longitude": "dege7"},
+            valid="fix_type >= 3",
+        ),
     ),
     "mavlink/ATTITUDE": (
         Meaning("heading", {"yaw": "yaw", "roll": "roll", "pitch": "pitch"}, _RAD, "ned"),
@@ -118,13 +129,18 @@ TYPES: dict[str, tuple[Meaning, ...]] = {
     "dataflash/CTUN": (Meaning("depth", {"up": "Alt"}),),
     "dataflash/RFND": (Meaning("altimeter", {"altitude": "Dist"}),),
     "imc/GpsFix": (
-        Meaning("fix", {"latitude": "lat", "longitude": "lon", "sigma": "hacc"}, {"latitude": "rad", "longitude": "rad"}, valid="validity_pos == 1"),
+        Meaning(
+            "fix", {"latitude": "lat", "longitude": "lon", "sigma": "hacc"}, {"latitude": "rad", "longitude": "rad"},
+            valid="validity_pos == 1",
+        ),
     ),
     "imc/EulerAngles": (
         Meaning("heading", {"yaw": "psi", "roll": "phi", "pitch": "theta"}, _RAD, "ned"),
     ),
     "imc/AngularVelocity": (Meaning("turn_rate", {"turn_rate": "z"}, _RAD, "frd"),),
-    "imc/GroundVelocity": (Meaning("ground_velocity", {"forward": "x", "left": "y"}, frame="frd", valid="valid_xy == 1"),),
+    "imc/GroundVelocity": (
+        Meaning("ground_velocity", {"forward": "x", "left": "y"}, frame="frd", valid="valid_xy == 1"),
+    ),
     "imc/WaterVelocity": (Meaning("water_velocity", {"forward": "x", "left": "y"}, frame="frd", valid="valid_xy == 1"),),
     "imc/Depth": (Meaning("depth", {"depth": "value"}),),
     "imc/Pressure": (Meaning("pressure", {"pressure": "value"}, {"pressure": "hpa"}),),
@@ -136,7 +152,7 @@ _DVL_VARIANCES = ("velocity_covar[0]", "velocity_covariance[0]", "covariance[0]"
 _DVL_VALID = ("velocity_valid == 1", "beam_velocities_valid == 1")
 _FRD_DRIVERS = ("dvl_msgs/", "waterlinked")
 """Drivers that pass on what the instrument says, whose z axis points down."""
-_MOOS = {
+_MOOS: dict[str, dict[str, tuple[str, ...]]] = {
     "heading": {"heading": ("NAV_HEADING", "INS_HEADING", "COMPASS_HEADING")},
     "depth": {"depth": ("NAV_DEPTH", "DEPTH")},
     "altimeter": {"altitude": ("NAV_ALTITUDE", "ALTIMETER", "DVL_ALTITUDE")},
@@ -158,7 +174,8 @@ def meanings_of(kind: str, labels: frozenset[str]) -> list[Meaning]:
 
 def _needs_met(meaning: Meaning, labels: frozenset[str]) -> bool:
     return any(
-        all(q in meaning.columns and meaning.columns[q] in labels for q in need) for need in NEEDS[meaning.role]
+        all(q in meaning.columns and meaning.columns[q] in labels for q in need)
+        for need in NEEDS[meaning.role]
     )
 
 
@@ -170,7 +187,7 @@ def _of_dvl(kind: str, labels: frozenset[str]) -> list[Meaning]:
         velocity["variance"] = variance
     valid = next((text for text in _DVL_VALID if text.split()[0] in labels), "")
     found = [Meaning("ground_velocity", velocity, frame=frame, valid=valid)]
-    beams = next(
+    beams: dict[str, str] = next(
         (
             {f"beam_{k}": form.format(k) for k in range(8) if form.format(k) in labels}
             for form in ("beams[{}].distance", "beams[{}].range", "range[{}]", "ranges[{}]")
@@ -201,14 +218,39 @@ COLUMN_NAMES: dict[str, set[str]] = {
     "roll": {"roll", "roll angle"},
     "pitch": {"pitch", "pitch angle"},
     "turn_rate": {"turn rate", "yaw rate", "gyro z", "r"},
-    "forward": {"vel fwd", "vel forward", "forward", "forward velocity", "dvl x", "dvl vx", "vx", "u", "surge"},
+    "forward": {
+        "vel fwd",
+        "vel forward",
+        "forward",
+        "forward velocity",
+        "dvl x",
+        "dvl vx",
+        "vx",
+        "u",
+        "surge",
+    },
     "left": {"vel left", "left", "left velocity", "vel port", "port velocity"},
     "right": {"vel right", "vel starboard", "vel stbd", "starboard velocity", "right velocity"},
     "speed": {"speed", "water speed", "vehicle speed", "speed through water"},
     "depth": {"depth", "vehicle depth", "own depth", "dfs depth", "depth from surface"},
     "pressure": {"pressure", "press"},
-    "altitude": {"altitude", "height", "dtb height", "alt", "altimeter", "height above bottom", "dvl altitude"},
-    "water_depth": {"water depth", "total water column", "sounding", "seabed depth", "bottom depth", "bathymetry"},
+    "altitude": {
+        "altitude",
+        "height",
+        "dtb height",
+        "alt",
+        "altimeter",
+        "height above bottom",
+        "dvl altitude",
+    },
+    "water_depth": {
+        "water depth",
+        "total water column",
+        "sounding",
+        "seabed depth",
+        "bottom depth",
+        "bathymetry",
+    },
     "sigma": set(),
 }
 """What columns of tables are called, their unit aside."""

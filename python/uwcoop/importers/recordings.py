@@ -58,7 +58,9 @@ def import_recordings(
     topics, tables = _sorted(truth)
     told = load_config(config, overrides)
     if topics:
-        told = told.model_copy(update={"sensors": told.sensors.model_copy(update={"truth": _truth_sensor(topics)})})
+        told = told.model_copy(
+            update={"sensors": told.sensors.model_copy(update={"truth": _truth_sensor(topics)})}
+        )
     log = mission_of(read_sources(files, told), told)
     if topics and log.truth is None:
         raise LogError(f"truth: no vehicle has the topic {topics[0]}")

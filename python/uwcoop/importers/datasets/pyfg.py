@@ -84,7 +84,9 @@ def heard_on_the_way(found: Recording, delay_edges: float) -> Recording:
         odometry_s=np.column_stack([found.odometry_s - lead, found.odometry_s]).ravel(),
         displacement_m=np.repeat(found.displacement_m, 2, axis=0) * share[:, None],
         yaw_change_rad=np.column_stack([zero, found.yaw_change_rad]).ravel(),
-        range_s=np.maximum(found.range_s - (MOVED_S - HEARD_S) - np.where(before, 2 * PART_S, lead[edge]) + PART_S, 0.0),
+        range_s=np.maximum(
+            found.range_s - (MOVED_S - HEARD_S) - np.where(before, 2 * PART_S, lead[edge]) + PART_S, 0.0
+        ),
         odometry_share=share,
     )
 

@@ -63,13 +63,32 @@ def read_ranges(
     for told in config.ranges:
         for channel, namesake in _channels(told, owners):
             claimed.add(channel.name)
-            found += _read(told, channel, namesake, owners, names, said, offsets.get(channel.name, 0), config.sound_speed_mps)
+            found += _read(
+                told,
+                channel,
+                namesake,
+                owners,
+                names,
+                said,
+                offsets.get(channel.name, 0),
+                config.sound_speed_mps,
+            )
     for channel in owners.channels:
         if is_range_table(channel) and channel.name not in claimed:
             claimed.add(channel.name)
-            found += _read(RangeSource(), channel, None, owners, names, said, offsets.get(channel.name, 0), config.sound_speed_mps)
+            found += _read(
+                RangeSource(),
+                channel,
+                None,
+                owners,
+                names,
+                said,
+                offsets.get(channel.name, 0),
+                config.sound_speed_mps,
+            )
     for channel in unclaimed_ranges(owners, claimed):
-        said.append(f'{channel.name} looks like acoustic ranges and is not used: [[ranges]] topic = "{channel.name}"')
+        hint = f'[[ranges]] topic = "{channel.name}"'
+        said.append(f"{channel.name} looks like acoustic ranges and is not used: {hint}")
     return found, claimed, said
 
 
@@ -83,7 +102,7 @@ def _channels(told: RangeSource, owners: Owners) -> list[tuple[Channel, str | No
                 f"ranges: there is no topic {told.topic!r}: {nearest(told.topic, [c.name for c in owners.channels])}"
             )
         return [(channel, owners.namesake(channel.name))]
-    pairs = []
+    pairs: list[tuple[Channel, str | None]] = []
     for vehicle in owners.vehicles:
         channel = find_channel(owners, told.topic.replace("{vehicle}", vehicle.name), told.source)
         if channel is not None:
@@ -105,27 +124,44 @@ def _read(
 ) -> list[Ranges]:
     defaults = {"range": "range", "variance": "variance"} if channel.kind == "sensor_msgs/msg/Range" else {}
     labels = range_columns(channel)
-    tabled = {q: labels[q] for q in ("range", "travel", "sigma") if q in labels}
+    tabled: dict[str, str] = {q: labels[q] for q in ("range", "travel", "sigma") if q in labels}
     columns_of = filled_columns("ranges", "range", channel, {**defaults, **tabled, **told.columns})
     binding = Binding("ranges", "range", channel, columns_of, {}, "", told.valid or "", told)
-    texts = {role: np.asarray(channel.columns[labels[role]], dtype=object) for role in ("from", "to", "kind") if role in labels}
+    texts = {
+        role: np.asarray(channel.columns[labels[role]], dtype=object)
+        for role in ("from", "to", "kind")
+        if role in labels
+    }
     rows = np.arange(channel.count)
     groups: list[tuple[str, str, bool, NDArray[np.bool_]]] = []
     if told.from_ is None and {"from", "to"} <= texts.keys():
-        kinds = texts.get("kind", np.full(channel.count, told.kind, dtype=object))
-        keys = list(zip(texts["from"].tolist(), texts["to"].tolist(), map(_is_one_way, kinds.tolist()), strict=True))
+        kinds = texts.get("kind", np.full(channel.count, _kind(told, labels), dtype=object))
+        keys = list(
+            zip(texts["from"].tolist(), texts["to"].tolist(), map(_is_one_way, kinds.tolist()), strict=True)
+        )
         for key in dict.fromkeys(keys):
-            groups.append((str(key[0]), str(key[1]), key[2], np.array([k == key for k in keys])))
+            own = np.array([k == key for k in keys])
+            groups.append((str(key[0]), str(key[1]), key[2], own))
     else:
         start, end = _ends(told, channel, namesake, owners, names)
-        groups.append((start, end, told.kind == "one-way", rows >= 0))
+        groups.append((start, end, _kind(told, labels) == "one-way", rows >= 0))
     made = []
     for start, end, one_way, own in groups:
         for name in (start, end):
             if name not in names:
-                raise LogError(f"ranges of {channel.name}: {name!r} is no vehicle or beacon: {nearest(name, names)}")
+                raise LogError(
+                    f"ranges of {channel.name}: {name!r} is no vehicle or beacon: {nearest(name, names)}"
+                )
         single = Binding(
-            binding.vehicle, "range", channel, columns_of, {}, "", binding.valid, told, None if own.all() else own
+            binding.vehicle,
+            "range",
+            channel,
+            columns_of,
+            {},
+            "",
+            binding.valid,
+            told,
+            None if own.all() else own,
         )
         series = series_of(single, offset_ns)
         made.append(_ranges(told, series, (start, end), one_way, speed_mps))
@@ -146,8 +182,18 @@ def _ends(
     others = [name for name in names if name != start]
     end = told.to or (others[0] if len(others) == 1 else None)
     if end is None:
-        raise LogError(f'ranges of {channel.name} from {start}: to = "…" is missing: {", ".join(others) or "nobody else"}')
+        raise LogError(
+            f'ranges of {channel.name} from {start}: to = "…" is missing: {", ".join(others) or "nobody else"}'
+        )
     return start, end
+
+
+def _kind(told: RangeSource, labels: Mapping[str, str]) -> str:
+    """As the settings say, else as the name of the column of travel times does, else two-way."""
+    name = labels.get("travel", "").lower()
+    if "kind" not in told.model_fields_set and ("owtt" in name or "one" in name):
+        return "one-way"
+    return told.kind
 
 
 def _is_one_way(text: str) -> bool:
@@ -185,7 +231,9 @@ def opportunities_of(
     modem = MODEMS[config.modem]
     capacity = min(modem.frame_bytes * modem.max_frames, 2**31 - 1)
     toa = np.concatenate([r.t_ns for r in between])
-    travel = np.round(np.concatenate([r.range_m for r in between]) / config.sound_speed_mps * 1e9).astype(np.int64)
+    travel = np.round(np.concatenate([r.range_m for r in between]) / config.sound_speed_mps * 1e9).astype(
+        np.int64
+    )
     sender = np.concatenate([np.full(len(r.t_ns), vehicles.index(r.sender), np.int64) for r in between])
     receiver = np.concatenate([np.full(len(r.t_ns), vehicles.index(r.receiver), np.int64) for r in between])
     tol = toa - travel
@@ -194,7 +242,9 @@ def opportunities_of(
     for k in range(1, len(tol)):  # no two signals start together
         tol[k] = max(tol[k], tol[k - 1] + 1000)
     count = len(tol)
-    slots = columns(SLOT_COLUMNS, tol_ns=tol, sender=sender, capacity_bytes=np.full(count, capacity, np.int64))
+    slots = columns(
+        SLOT_COLUMNS, tol_ns=tol, sender=sender, capacity_bytes=np.full(count, capacity, np.int64)
+    )
     found = columns(
         OPPORTUNITY_COLUMNS, tol_ns=tol, sender=sender, receiver=receiver, toa_ns=tol + travel,
         survive_probability=np.ones(count),
@@ -221,7 +271,9 @@ def add_beacon_ranges(
             assert beacon.place_deg is not None
             east, north = own.frame.to_local([beacon.place_deg[0]], [beacon.place_deg[1]])[0].tolist()
         else:
-            raise LogError(f"beacon {beacon.name}: place_deg needs a mission with latitude and longitude: origin_deg")
+            raise LogError(
+                f"beacon {beacon.name}: place_deg needs a mission with latitude and longitude: origin_deg"
+            )
         count = len(found.t_ns)
         parts.add(
             "beacon_range", own.index, found.t_ns, measured_ns=found.t_ns, beacon_e_m=np.full(count, east),

@@ -55,7 +55,9 @@ class Binding:
         return f"vehicle {self.vehicle}: {self.role} of {self.channel.name}"
 
 
-def bind_vehicle(config: ImportConfig, owners: Owners, vehicle: VehicleConfig) -> tuple[list[Binding], list[str]]:
+def bind_vehicle(
+    config: ImportConfig, owners: Owners, vehicle: VehicleConfig
+) -> tuple[list[Binding], list[str]]:
     """The sensors of one vehicle, and notes on channels that could be one and are not.
 
     Raises:
@@ -116,10 +118,10 @@ def _stated(
         raise LogError(f"vehicle {vehicle.name}: {role}: no channel of it has the columns {wanted}")
     topics = (settings.topic,) if isinstance(settings.topic, str) else settings.topic
     for topic in topics:
-        channel = find_channel(owners, topic.replace("{vehicle}", vehicle.name), settings.source)
-        if channel is not None:
-            rows = owners.rows(vehicle, channel) if channel.kind == "table" else None
-            return _bound(vehicle, role, channel, settings, rows)
+        named = find_channel(owners, topic.replace("{vehicle}", vehicle.name), settings.source)
+        if named is not None:
+            rows = owners.rows(vehicle, named) if named.kind == "table" else None
+            return _bound(vehicle, role, named, settings, rows)
     own = getattr(vehicle, role)
     if own is None or own.topic is None:
         return None  # what holds for every vehicle need not be there for each
@@ -135,7 +137,9 @@ def _bound(
 ) -> Binding:
     known = [m for m in channel_meanings(channel) if m.role == role] or _alike(channel, role)
     meaning = known[0] if known else Meaning(role, {}, frame="")
-    columns = filled_columns(f"vehicle {vehicle.name}", role, channel, {**meaning.columns, **settings.columns})
+    columns = filled_columns(
+        f"vehicle {vehicle.name}", role, channel, {**meaning.columns, **settings.columns}
+    )
     return _made(vehicle, meaning, channel, columns, settings, rows)
 
 
@@ -158,7 +162,9 @@ def filled_columns(where: str, role: str, channel: Channel, columns: Mapping[str
     """Columns that are there, which must fill what the role needs; a single number fills a single quantity."""
     for quantity, label in columns.items():
         if label not in channel.columns and quantity in {q for need in NEEDS.get(role, ()) for q in need}:
-            raise LogError(f"{where}: {role}: {channel.name} has no column {label!r}: {nearest(label, channel.columns)}")
+            raise LogError(
+                f"{where}: {role}: {channel.name} has no column {label!r}: {nearest(label, channel.columns)}"
+            )
     there = {quantity: label for quantity, label in columns.items() if label in channel.columns}
     if any(set(need) <= there.keys() for need in NEEDS[role]):
         return there
@@ -195,7 +201,9 @@ def _by_type(
     channel, meaning, rows = first[0]
     for other, lesser, _ in candidates:
         if _rank(lesser) > best:
-            notes.append(f"{vehicle.name}: {other.name} ({other.kind}) could be {role} too: {channel.name} is used")
+            notes.append(
+                f"{vehicle.name}: {other.name} ({other.kind}) could be {role} too: {channel.name} is used"
+            )
     columns = {q: label for q, label in meaning.columns.items() if label in channel.columns}
     return _made(vehicle, meaning, channel, columns, settings, rows)
 

@@ -12,6 +12,8 @@ from uwcoop.errors import LogError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from uwcoop.importers.channels import Channel
 
 __all__ = ["clock_offsets", "common_clock", "utc_text"]
@@ -39,20 +41,20 @@ def clock_offsets(channels: Sequence[Channel], align: bool) -> tuple[dict[str, i
         if channel.clock == "own" and align:
             offsets[channel.name] = int(np.median(late))
             said.append(
-                f"{channel.name}: its stamps count from a zero of their own: moved by {offsets[channel.name] / 1e9:.3f} s "
-                "to the recorder's clock"
+                f"{channel.name}: its stamps count from a zero of their own: moved by "
+                f"{offsets[channel.name] / 1e9:.3f} s to the recorder's clock"
             )
             late = late - offsets[channel.name]
         elif channel.clock == "utc" and abs(np.median(late)) > _LATE_S * 1e9:
             said.append(
-                f"{channel.name}: stamps are {np.median(late) / 1e9:+.1f} s before the recorder's times (median): another clock, "
-                "or old messages? offset_s corrects it"
+                f"{channel.name}: stamps are {np.median(late) / 1e9:+.1f} s before the recorder's times "
+                "(median): another clock, or old messages? offset_s corrects it"
             )
         said += _irregular(channel, late)
     return offsets, said
 
 
-def _irregular(channel: Channel, late: np.ndarray) -> list[str]:  # type: ignore[type-arg]
+def _irregular(channel: Channel, late: NDArray[np.int64]) -> list[str]:
     """Jumps and drift of the time from stamp to recorder."""
     if len(late) < _LEAST_ROWS or channel.received_ns is None:
         return []
@@ -74,13 +76,13 @@ def _irregular(channel: Channel, late: np.ndarray) -> list[str]:  # type: ignore
     slope = float(np.polyfit(seconds, late_s, 1)[0])
     if abs(slope) * 1e6 > _LEAST_DRIFT_PPM and abs(slope) * span > _LEAST_DRIFT_S:
         return [
-            f"{channel.name}: its clock drifts against the recorder's by {-slope * 1e6:+.0f} ppm, {-slope * span:+.3f} s in all: "
-            "stamps are kept as they are"
+            f"{channel.name}: its clock drifts against the recorder's by {-slope * 1e6:+.0f} ppm, "
+            f"{-slope * span:+.3f} s in all: stamps are kept as they are"
         ]
     return []
 
 
-def _groups(steps: np.ndarray) -> int:  # type: ignore[type-arg]
+def _groups(steps: NDArray[np.int64]) -> int:
     """Steps that lie apart by more than a window are jumps of their own."""
     return 1 + int((np.diff(steps) > 5).sum())
 
@@ -95,8 +97,8 @@ def common_clock(channels: Sequence[Channel], offsets: dict[str, int]) -> tuple[
     utc = [c for c in channels if c.clock == "utc" or c.name in offsets]
     if own and utc:
         raise LogError(
-            f"{own[0].name} of {own[0].source} counts time from a zero of its own, {utc[0].name} of {utc[0].source} from 1970: "
-            "they cannot be put on one clock; leave one out, or give it absolute times"
+            f"{own[0].name} of {own[0].source} counts time from a zero of its own, {utc[0].name} of "
+            f"{utc[0].source} from 1970: they cannot be put on one clock; leave one out, or give it absolute times"
         )
     if own and len({c.source for c in own}) > 1:
         files = ", ".join(sorted({c.source for c in own}))

@@ -58,10 +58,16 @@ def course_lines(name: str, events: Mapping[str, Columns]) -> list[str]:
     off, spread = results[""]
     if abs(off) < _FAR_DEG and spread < _FAR_DEG:
         return []
-    better = [label for label, (angle, rest) in results.items() if label and abs(angle) < _NEAR_DEG and rest < _NEAR_DEG]
+    better = [
+        label
+        for label, (angle, rest) in results.items()
+        if label and abs(angle) < _NEAR_DEG and rest < _NEAR_DEG
+    ]
     text = f"CHECK {name}: heading and course over ground differ by {off:+.0f} deg (scatter {spread:.0f} deg)"
     if better:
-        return [f"{text}; they agree with {better[0]} in its place: [vehicles.heading] or the velocity's frame is wrong"]
+        return [
+            f"{text}; they agree with {better[0]} in its place: [vehicles.heading] or the velocity's frame is wrong"
+        ]
     return [f"{text}: frame, sign, unit, mounting_deg or columns of heading or velocity may be wrong"]
 
 
@@ -85,14 +91,19 @@ def _reckoned(
         x = interpolated(grid, body["t_ns"], body["forward_mps"])
         y = left * interpolated(grid, body["t_ns"], body["left_mps"])
     seconds = np.diff(grid, append=grid[-1]) / 1e9
-    steps = np.column_stack([x * np.cos(yaw) - y * np.sin(yaw), x * np.sin(yaw) + y * np.cos(yaw)]) * seconds[:, None]
+    steps = (
+        np.column_stack([x * np.cos(yaw) - y * np.sin(yaw), x * np.sin(yaw) + y * np.cos(yaw)])
+        * seconds[:, None]
+    )
     sums = np.vstack([np.zeros(2), np.cumsum(steps, axis=0)])[np.searchsorted(grid, t_ns)]
     ways = np.diff(sums, axis=0)
     gaps = np.diff(heading["t_ns"])
     for begin in np.flatnonzero(gaps > _LONGEST_GAP_S * 1e9):
         inside = (t_ns[:-1] < heading["t_ns"][begin + 1]) & (t_ns[1:] > heading["t_ns"][begin])
         ways[inside] = np.nan
-    outside = (t_ns[:-1] < heading["t_ns"][0] - _LONGEST_GAP_S * 1e9) | (t_ns[1:] > heading["t_ns"][-1] + _LONGEST_GAP_S * 1e9)
+    outside = (t_ns[:-1] < heading["t_ns"][0] - _LONGEST_GAP_S * 1e9) | (
+        t_ns[1:] > heading["t_ns"][-1] + _LONGEST_GAP_S * 1e9
+    )
     ways[outside] = np.nan
     return ways
 
@@ -103,4 +114,6 @@ def _angle_deg(reckoned: Floats, ways: Floats) -> tuple[float, float]:
     weight = np.abs(ratio)
     mean = np.angle(ratio.sum())
     rest = np.angle(ratio * np.exp(-1j * mean))
-    return float(np.rad2deg(mean)), float(np.rad2deg(np.sqrt((weight * rest**2).sum() / max(weight.sum(), 1e-12))))
+    return float(np.rad2deg(mean)), float(
+        np.rad2deg(np.sqrt((weight * rest**2).sum() / max(weight.sum(), 1e-12)))
+    )

@@ -44,12 +44,16 @@ def add_heading(binding: Binding, found: Series, known: Known, parts: MissionPar
     turn = 0.0
     if settings.declination_deg == "wmm" or settings.declination_deg:
         value = settings.declination_deg
-        east = declination_deg(known.frame, int(found.t_ns[0]), binding.where) if value == "wmm" else float(value)
+        east = (
+            declination_deg(known.frame, int(found.t_ns[0]), binding.where)
+            if value == "wmm"
+            else float(value)
+        )
         turn -= np.deg2rad(east)
         how = " by the World Magnetic Model" if value == "wmm" else ""
         said.append(f"declination {east:+.2f} deg{how}")
     elif "mag_x" in found.values:
-        said.append("magnetic heading taken as true (declination_deg = \"wmm\" corrects it)")
+        said.append('magnetic heading taken as true (declination_deg = "wmm" corrects it)')
     if known.frame is not None and abs(known.frame.convergence_deg) > 0.05:
         turn += np.deg2rad(known.frame.convergence_deg)
         said.append(f"turned by the grid's convergence of {known.frame.convergence_deg:+.2f} deg")
@@ -74,7 +78,7 @@ def add_turn_rate(binding: Binding, found: Series, known: Known, parts: MissionP
     rate = found.values["turn_rate"] * (-1.0 if binding.frame in _DOWN else 1.0)
     if np.abs(rate).max() > 200.0 and settings.unit is None:
         raise LogError(
-            f"{binding.where}: it reaches {np.abs(found.values['turn_rate']).max() / 57.29578:.1f} rad/s: degrees a second? "
+            f"{binding.where}: it reaches {np.abs(rate).max() / 57.29578:.1f} rad/s: degrees a second? "
             'unit = "deg/s" or "rad/s" says which'
         )
     known.rate_ns, known.rate_radps = found.t_ns, np.deg2rad(rate)
@@ -87,7 +91,8 @@ def add_turn_rate(binding: Binding, found: Series, known: Known, parts: MissionP
     elif (stated := stated_sigma(kept)) is not None:
         sigma, how = np.rad2deg(stated), "as stated"
     parts.add(
-        "turn_rate", known.index, kept.t_ns, yaw_rate_radps=np.deg2rad(kept.values["rate"]), sigma_radps=np.deg2rad(sigma),
+        "turn_rate", known.index, kept.t_ns, yaw_rate_radps=np.deg2rad(kept.values["rate"]),
+        sigma_radps=np.deg2rad(sigma),
     )  # fmt: skip
     parts.said.append(sentence(binding, kept, f"sigma {np.median(sigma):.3g} deg/s {how}"))
 
@@ -111,7 +116,9 @@ def declination_deg(frame: LocalFrame | None, t_ns: int, where: str) -> float:
     edition = min(max(2010 + 5 * int((year - 2010) // 5), 2010), 2025)
     model = GeoMag(coefficients_file=f"wmm/WMM_{edition}.COF")
     try:
-        found = model.calculate(glat=frame.origin.latitude_deg, glon=frame.origin.longitude_deg, alt=0, time=year)
+        found = model.calculate(
+            glat=frame.origin.latitude_deg, glon=frame.origin.longitude_deg, alt=0, time=year
+        )
     except ValueError as error:
         raise LogError(f"{where}: declination: {error}: give the number") from error
     return float(found.d)

@@ -29,7 +29,9 @@ def channel_meanings(channel: Channel) -> list[Meaning]:
 
 def is_acoustic_range(channel: Channel) -> bool:
     """Whether a topic of ranges is an acoustic modem's, not an altimeter's, by its name."""
-    return channel.kind == "sensor_msgs/msg/Range" and bool(_ACOUSTIC.search(f"{channel.name} {channel.frame_id}"))
+    return channel.kind == "sensor_msgs/msg/Range" and bool(
+        _ACOUSTIC.search(f"{channel.name} {channel.frame_id}")
+    )
 
 
 def is_range_table(channel: Channel) -> bool:

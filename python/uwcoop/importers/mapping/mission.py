@@ -101,7 +101,9 @@ def _add_vehicle(known: Known, read: Mapping[str, Read], parts: MissionParts) ->
         if role in read:
             add(*read[role], known, parts)
     if known.attitude is None and {"ground_velocity", "water_velocity"} & read.keys():
-        parts.said.append(f"CHECK {known.name}: it has a velocity and no heading, so that nothing tells where it goes")
+        parts.said.append(
+            f"CHECK {known.name}: it has a velocity and no heading, so that nothing tells where it goes"
+        )
 
 
 def _add_usbl(known: Sequence[Known], read: Mapping[str, Sequence[Read]], parts: MissionParts) -> None:
@@ -116,7 +118,9 @@ def _add_usbl(known: Sequence[Known], read: Mapping[str, Sequence[Read]], parts:
             ship = None
             if settings.ship is not None:
                 if settings.ship not in names:
-                    raise LogError(f"{binding.where}: ship {settings.ship!r}: {nearest(settings.ship, names)}")
+                    raise LogError(
+                        f"{binding.where}: ship {settings.ship!r}: {nearest(settings.ship, names)}"
+                    )
                 carrier = known[names.index(settings.ship)]
                 fixes = _of_vehicle(parts.events.get("fix", []), carrier.index)
                 if fixes is None:
@@ -124,7 +128,9 @@ def _add_usbl(known: Sequence[Known], read: Mapping[str, Sequence[Read]], parts:
                 series = series.thinned("usbl", settings.max_rate_hz)
                 at = [
                     np.interp(
-                        (series.t_ns - fixes["t_ns"][0]) / 1e9, (fixes["t_ns"] - fixes["t_ns"][0]) / 1e9, fixes[axis]
+                        (series.t_ns - fixes["t_ns"][0]) / 1e9,
+                        (fixes["t_ns"] - fixes["t_ns"][0]) / 1e9,
+                        fixes[axis],
                     )
                     for axis in ("e_m", "n_m")
                 ]
@@ -173,13 +179,16 @@ def _assembled(
         said.append(f"outside start and end: {cut:,} events and {lost:,} ranges left out")
     for k, name in enumerate(names):
         said += course_lines(name, {kind: _own(table, k) for kind, table in events.items() if _own(table, k)})
-    stamps = [table["t_ns"] for table in events.values()] + ([opportunities["toa_ns"]] if opportunities else [])
+    stamps = [table["t_ns"] for table in events.values()] + (
+        [opportunities["toa_ns"]] if opportunities else []
+    )
     _refuse_long_silence(np.unique(np.concatenate(stamps)), zero, absolute)
     duration = -(-max(int(t.max()) for t in stamps) // 10**9) * 10**9 + 10**9
     truth = truth_of(names, read, known, zero, duration, said)
     name = config.name or stem_of(sources[0].name)
     if absolute:
-        said.insert(0, f"{name}: {', '.join(s.name + ' (' + s.format + ')' for s in sources)}; from {utc_text(zero)}, {duration / 1e9:g} s")
+        files = ", ".join(f"{s.name} ({s.format})" for s in sources)
+        said.insert(0, f"{name}: {files}; from {utc_text(zero)}, {duration / 1e9:g} s")
     log = MissionLog(
         name=name,
         seed=0,
@@ -212,7 +221,9 @@ def _span(config: ImportConfig, parts: MissionParts, heard: Columns, absolute: b
         if text is None:
             continue
         if not absolute:
-            raise LogError(f"{key} = {text!r} is a date, but the recordings' times count from a zero of their own")
+            raise LogError(
+                f"{key} = {text!r} is a date, but the recordings' times count from a zero of their own"
+            )
         try:
             instant = int(parse_times([text]).t_ns[0])
         except ValueError as error:
@@ -229,8 +240,8 @@ def _refuse_long_silence(t_ns: Any, zero: int, absolute: bool) -> None:
     k = int(np.argmax(gaps))
     ends = [utc_text(int(t) + zero) if absolute else f"{t / 1e9:.1f} s" for t in t_ns[k : k + 2]]
     raise LogError(
-        f"nothing is recorded from {ends[0]} to {ends[1]}, {gaps[k] / 3.6e12:,.1f} hours: several missions? start and end, or of a "
-        'table where = { column = "text" }, choose one'
+        f"nothing is recorded from {ends[0]} to {ends[1]}, {gaps[k] / 3.6e12:,.1f} hours: several missions? start and "
+        'end, or of a table where = { column = "text" }, choose one'
     )
 
 
@@ -267,7 +278,12 @@ def _link(config: ImportConfig) -> Link:
         raise LogError(f"modem {config.modem!r}: {nearest(config.modem, MODEMS)}")
     modem = MODEMS[config.modem]
     return Link(
-        config.modem, modem.frame_bytes, modem.max_frames, modem.frame_s, modem.preamble_s, config.sound_speed_mps
+        config.modem,
+        modem.frame_bytes,
+        modem.max_frames,
+        modem.frame_s,
+        modem.preamble_s,
+        config.sound_speed_mps,
     )
 
 

@@ -31,7 +31,10 @@ _DRIVERS = {
 """First words of topics that are those of a driver, not of a vehicle."""
 _OF_ONE = ("moos/", "mavlink/", "dataflash/")
 """Types of formats whose files are of one vehicle each: their names do not begin with it."""
-_SELF_SUFFICIENT = ({"heading", "odometry"}, {"ground_velocity", "fix", "odometry", "depth", "pressure", "usbl"})
+_SELF_SUFFICIENT = (
+    {"heading", "odometry"},
+    {"ground_velocity", "fix", "odometry", "depth", "pressure", "usbl"},
+)
 
 
 def stem_of(source: str) -> str:
@@ -51,7 +54,9 @@ class Owners:
         names = [source.name for source in sources]
         for name in names:
             if names.count(name) > 1:
-                raise LogError(f"two files are called {name!r}: rename one, since a vehicle is told by its file's name")
+                raise LogError(
+                    f"two files are called {name!r}: rename one, since a vehicle is told by its file's name"
+                )
         self.sources = sources
         self.channels = [channel for source in sources for channel in source.channels]
         self.notes: list[str] = []
@@ -90,9 +95,9 @@ class Owners:
                 kept &= _texts(channel, label) == text
             return kept if kept.any() else None
         whole = np.ones(channel.count, dtype=bool)
-        label = _vehicle_column(channel)
-        if label is not None:
-            kept = _texts(channel, label) == vehicle.name
+        named = _vehicle_column(channel)
+        if named is not None:
+            kept = np.asarray(_texts(channel, named) == vehicle.name)
             return kept if kept.any() else None
         if vehicle.source is not None or stem_of(channel.source) == vehicle.name:
             return whole
@@ -108,10 +113,16 @@ class Owners:
         for label in vehicle.where:
             if not any(label in c.columns for c in tables):
                 known = list(dict.fromkeys(held for c in tables for held in c.columns))
-                raise LogError(f"vehicle {vehicle.name}: where: there is no column {label!r}: {nearest(label, known)}")
+                raise LogError(
+                    f"vehicle {vehicle.name}: where: there is no column {label!r}: {nearest(label, known)}"
+                )
         for channel in self.channels:
             for label, text in vehicle.where.items():
-                if channel.kind == "table" and label in channel.columns and not (_texts(channel, label) == text).any():
+                if (
+                    channel.kind == "table"
+                    and label in channel.columns
+                    and not (_texts(channel, label) == text).any()
+                ):
                     held = ", ".join(sorted(set(_texts(channel, label).tolist()))[:8])
                     raise LogError(
                         f"vehicle {vehicle.name}: no row of {channel.source} has {label} = {text!r}: it holds {held}"
@@ -135,11 +146,11 @@ class Owners:
         for channel in self.channels:
             if channel.kind != "table" or is_range_table(channel) or not channel_meanings(channel):
                 continue
-            label = _vehicle_column(channel)
-            if label is None:
+            named = _vehicle_column(channel)
+            if named is None:
                 yield stem_of(channel.source)
             else:
-                yield from sorted(set(_texts(channel, label).tolist()) - {""})
+                yield from sorted(set(_texts(channel, named).tolist()) - {""})
 
     def _of_namespaces(self) -> Iterable[str]:
         roles: dict[str, set[str]] = {}

@@ -30,7 +30,9 @@ _FLOOR_M2 = 1e-4
 _MOST_M2 = 1e8
 
 
-def local_frame(config: ImportConfig, bound: Sequence[tuple[Binding, Series]]) -> tuple[LocalFrame | None, str]:
+def local_frame(
+    config: ImportConfig, bound: Sequence[tuple[Binding, Series]]
+) -> tuple[LocalFrame | None, str]:
     """The frame of the mission: around `origin_deg`, else around the first fix, rounded; None: nothing is in degrees.
 
     Raises:
@@ -42,11 +44,14 @@ def local_frame(config: ImportConfig, bound: Sequence[tuple[Binding, Series]]) -
         return LocalFrame.at(*config.origin_deg), "origin as set"
     if metric and degrees:
         raise LogError(
-            f"{metric[0].where} is in metres and {degrees[0][0].where} in degrees: origin_deg = [latitude, longitude] says "
-            "where the metres count from"
+            f"{metric[0].where} is in metres and {degrees[0][0].where} in degrees: origin_deg = [latitude, "
+            "longitude] says where the metres count from"
         )
     if not degrees:
-        return None, "no position is in degrees: the frame is that of the positions in metres, its place is not known"
+        return (
+            None,
+            "no position is in degrees: the frame is that of the positions in metres, its place is not known",
+        )
     _, first = min(degrees, key=lambda item: int(item[1].t_ns[0]))
     latitude, longitude = (round(float(first.values[q][0]), 4) for q in ("latitude", "longitude"))
     return LocalFrame.at(latitude, longitude), "origin at the first fix, rounded to 0.0001 deg"
@@ -149,13 +154,19 @@ def _of_bearings(
     if ship is not None:
         carrier, base = ship
         if carrier.attitude is None:
-            raise LogError(f"{binding.where}: ship {carrier.name} has no heading, from which its bearings count")
+            raise LogError(
+                f"{binding.where}: ship {carrier.name} has no heading, from which its bearings count"
+            )
         yaw, _, _ = carrier.attitude.at(found.t_ns)
         heading = 90.0 - np.rad2deg(yaw) + settings.transceiver_heading_deg
     elif settings.transceiver_deg is not None and known.frame is not None:
-        base = np.repeat(known.frame.to_local(*([v] for v in settings.transceiver_deg)), len(found.t_ns), axis=0)
+        base = np.repeat(
+            known.frame.to_local(*([v] for v in settings.transceiver_deg)), len(found.t_ns), axis=0
+        )
     else:
-        raise LogError(f"{binding.where}: bearings need transceiver_deg = [latitude, longitude], or ship = \"…\"")
+        raise LogError(
+            f'{binding.where}: bearings need transceiver_deg = [latitude, longitude], or ship = "…"'
+        )
     slant = found.values["range"]
     if "elevation" in found.values:
         level = slant * np.cos(np.deg2rad(found.values["elevation"]))
@@ -178,6 +189,6 @@ def _refuse_radians(binding: Binding, latitude: Floats, longitude: Floats) -> No
     small = np.abs(latitude).max() <= np.pi / 2 and np.abs(longitude).max() <= np.pi
     if small and binding.settings.unit is None and "latitude" not in binding.units:
         raise LogError(
-            f"{binding.where}: positions to {np.abs(latitude).max():.4f} N and {np.abs(longitude).max():.4f} E: degrees, or "
-            'radians? unit = "deg" or unit = "rad" says which'
+            f"{binding.where}: positions to {np.abs(latitude).max():.4f} N and {np.abs(longitude).max():.4f} E: "
+            'degrees, or radians? unit = "deg" or unit = "rad" says which'
         )

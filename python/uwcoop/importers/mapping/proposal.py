@@ -11,7 +11,12 @@ from uwcoop.errors import LogError
 from uwcoop.importers.import_config import ROLES, ImportConfig, VehicleConfig
 from uwcoop.importers.mapping.binding import stands_back
 from uwcoop.importers.mapping.clocks import utc_text
-from uwcoop.importers.mapping.meanings import channel_meanings, is_acoustic_range, is_range_table, range_columns
+from uwcoop.importers.mapping.meanings import (
+    channel_meanings,
+    is_acoustic_range,
+    is_range_table,
+    range_columns,
+)
 from uwcoop.importers.mapping.ownership import Owners
 from uwcoop.importers.mapping.series import recorded_rate_hz
 
@@ -187,7 +192,9 @@ def _ranges(owners: Owners, claimed: set[str]) -> list[str]:
             others = [n for n in names if n != own]
             lines += ["", "[[ranges]]", f'topic = "{channel.name}"']
             lines.append(f'from = "{own}"' if own else f'# from = "…"   # one of {", ".join(names)}')
-            lines.append(f'to = "{others[0]}"' if len(others) == 1 else f'# to = "…"   # one of {", ".join(others)}')
+            lines.append(
+                f'to = "{others[0]}"' if len(others) == 1 else f'# to = "…"   # one of {", ".join(others)}'
+            )
             lines.append('kind = "two-way"   # or "one-way"')
     return lines
 

@@ -58,7 +58,9 @@ class Series:
         """Of these rows; with the phrase, in which {} stands for the number of the others, if there are some."""
         left = int((~kept).sum())
         said = (*self.said, phrase.format(f"{left:,}")) if left and phrase else self.said
-        return replace(self, t_ns=self.t_ns[kept], values={q: v[kept] for q, v in self.values.items()}, said=said)
+        return replace(
+            self, t_ns=self.t_ns[kept], values={q: v[kept] for q, v in self.values.items()}, said=said
+        )
 
     def thinned(self, role: str, rate_hz: float | None) -> Series:
         """At most so many rows a second: the first of each interval."""
@@ -117,7 +119,9 @@ def series_of(binding: Binding, offset_ns: int = 0) -> Series:
     stamps = channel.t_ns
     if settings.clock == "received":
         if channel.received_ns is None:
-            raise LogError(f"{binding.where}: clock = \"received\": {channel.source} holds no recorder's times")
+            raise LogError(
+                f'{binding.where}: clock = "received": {channel.source} holds no recorder\'s times'
+            )
         stamps = channel.received_ns
     else:
         stamps = stamps + offset_ns
@@ -134,7 +138,9 @@ def series_of(binding: Binding, offset_ns: int = 0) -> Series:
             inside = (found.values[name] >= low) & (found.values[name] <= high)
             found = found.chosen(inside, f"{{}} with {name} outside {low:g} to {high:g}")
     if not len(found.t_ns):
-        raise LogError(f"{binding.where}: none of its {found.total:,} rows can be used: {'; '.join(found.said) or 'empty'}")
+        raise LogError(
+            f"{binding.where}: none of its {found.total:,} rows can be used: {'; '.join(found.said) or 'empty'}"
+        )
     return _in_order(found)
 
 
@@ -174,10 +180,12 @@ def _plausible(found: Series, binding: Binding) -> Series:
             wrong = values[~inside]
             raise LogError(
                 f"{binding.where}: {name} is {wrong.min():.6g} to {wrong.max():.6g} {_said_unit(name)} in "
-                f"{wrong.size:,} of {len(values):,} rows, must be {low:g} to {high:g}: another unit (unit = …) or another "
-                "column?"
+                f"{wrong.size:,} of {len(values):,} rows, must be {low:g} to {high:g}: another unit (unit = …) or "
+                "another column?"
             )
-        found = found.chosen(inside, f"{{}} with {name} outside {low:g} to {high:g} {_said_unit(name)} (no reading)")
+        found = found.chosen(
+            inside, f"{{}} with {name} outside {low:g} to {high:g} {_said_unit(name)} (no reading)"
+        )
     if {"latitude", "longitude"} <= found.values.keys():
         zero = (np.abs(found.values["latitude"]) < 1e-7) & (np.abs(found.values["longitude"]) < 1e-7)
         found = found.chosen(~zero, "{} at latitude and longitude 0 (no fix yet)")
@@ -194,7 +202,9 @@ def _no_reading(values: Floats) -> bool:
 
 
 def _said_unit(name: str) -> str:
-    return {"angle": "deg", "length": "m", "speed": "m/s", "rate": "deg/s", "pressure": "Pa"}.get(DIMENSIONS[name], "")
+    return {"angle": "deg", "length": "m", "speed": "m/s", "rate": "deg/s", "pressure": "Pa"}.get(
+        DIMENSIONS[name], ""
+    )
 
 
 def _in_order(found: Series) -> Series:
@@ -213,11 +223,12 @@ def _in_order(found: Series) -> Series:
 def interpolated(t_ns: NDArray[np.int64], known_ns: NDArray[np.int64], values: Floats) -> Floats:
     """Linear in between, the nearest outside; differences of times keep their nanoseconds."""
     base = known_ns[0]
-    return np.interp((t_ns - base).astype(np.float64), (known_ns - base).astype(np.float64), values)
+    found: Floats = np.interp((t_ns - base).astype(np.float64), (known_ns - base).astype(np.float64), values)
+    return found
 
 
 def recorded_rate_hz(channel: Channel) -> float:
     """Median rate of a channel's rows, 1/s; 0 for a single one."""
-    steps = np.diff(np.sort(channel.t_ns))
+    steps: Floats = np.diff(np.sort(channel.t_ns)).astype(np.float64)
     steps = steps[steps > 0]
-    return float(1e9 / np.median(steps)) if steps.size else 0.0
+    return 1e9 / float(np.median(steps)) if steps.size else 0.0

@@ -33,7 +33,7 @@ def truth_of(
     duration_ns: int,
     said: list[str],
 ) -> xr.Dataset | None:
-    """(vehicle, time, axis) positions on the instants of all of them; NaN outside of a channel's span and in long gaps."""
+    """(vehicle, time, axis) positions on the instants of all; NaN outside of a channel's span and in long gaps."""
     paths: dict[int, tuple[NDArray[np.int64], Floats]] = {}
     for own in known:
         for binding, series in read[own.name]:
@@ -44,7 +44,9 @@ def truth_of(
             inside = (t_ns >= 0) & (t_ns <= duration_ns)
             if inside.any():
                 paths[own.index] = t_ns[inside], at[inside]
-                said.append(f"{own.name} truth: {inside.sum():,} of {found.total:,} rows of {binding.channel.name}")
+                said.append(
+                    f"{own.name} truth: {inside.sum():,} of {found.total:,} rows of {binding.channel.name}"
+                )
     if not paths:
         return None
     import xarray as xr

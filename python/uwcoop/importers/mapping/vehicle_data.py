@@ -32,7 +32,9 @@ class Attitude:
 
     def at(self, t_ns: Integers) -> tuple[Floats, Floats, Floats]:
         """Yaw, roll and pitch at instants, (N,) each."""
-        yaw, roll, pitch = (interpolated(t_ns, self.t_ns, v) for v in (self.yaw_rad, self.roll_rad, self.pitch_rad))
+        yaw, roll, pitch = (
+            interpolated(t_ns, self.t_ns, v) for v in (self.yaw_rad, self.roll_rad, self.pitch_rad)
+        )
         return yaw, roll, pitch
 
 
@@ -65,7 +67,7 @@ class Known:
         return np.zeros(len(t_ns))
 
     def offset_m(self, arm_m: tuple[float, float, float], t_ns: Integers) -> Floats:
-        """(N, 3) east, north, up of a lever arm (forward, left, up); level where no attitude is known, and 0 without yaw."""
+        """(N, 3) east, north, up of a lever arm (forward, left, up); without an attitude its height alone."""
         if not any(arm_m):
             return np.zeros((len(t_ns), 3))
         if self.attitude is None:
@@ -90,7 +92,9 @@ class MissionParts:
     events: dict[str, list[Columns]] = field(default_factory=dict)
     said: list[str] = field(default_factory=list)
 
-    def add(self, kind: str, vehicle: int, t_ns: Integers, **values: Floats | Integers | NDArray[np.bool_]) -> None:
+    def add(
+        self, kind: str, vehicle: int, t_ns: Integers, **values: Floats | Integers | NDArray[np.bool_]
+    ) -> None:
         """Append events of a kind."""
         table: Columns = {"t_ns": t_ns, "vehicle": np.full(len(t_ns), vehicle, np.int64), **values}
         self.events.setdefault(kind, []).append(table)

@@ -70,7 +70,9 @@ def add_command(binding: Binding, found: Series, known: Known, parts: MissionPar
             east, north = north, east
         how = ""
     elif known.attitude is None:
-        parts.said.append(f"{binding.vehicle} command: {binding.channel.name} is not used: a speed needs a heading")
+        parts.said.append(
+            f"{binding.vehicle} command: {binding.channel.name} is not used: a speed needs a heading"
+        )
         return
     else:
         yaw, _, _ = known.attitude.at(kept.t_ns)
@@ -87,7 +89,8 @@ def add_odometry(binding: Binding, found: Series, known: Known, parts: MissionPa
     values = found.values
     if "qw" in values:
         yaw = np.arctan2(
-            2 * (values["qw"] * values["qz"] + values["qx"] * values["qy"]), 1 - 2 * (values["qy"] ** 2 + values["qz"] ** 2)
+            2 * (values["qw"] * values["qz"] + values["qx"] * values["qy"]),
+            1 - 2 * (values["qy"] ** 2 + values["qz"] ** 2),
         )
     else:
         yaw = np.deg2rad(values["yaw"])
@@ -95,7 +98,9 @@ def add_odometry(binding: Binding, found: Series, known: Known, parts: MissionPa
     if binding.frame == "ned":
         x, y, yaw = y, x, np.pi / 2 - yaw
     rate = settings.max_rate_hz or 1 / _ODOMETRY_STEP_S
-    kept = Series(found.t_ns, {"x": x, "y": y, "yaw": np.unwrap(yaw)}, found.total, found.said).thinned("odometry", rate)
+    kept = Series(found.t_ns, {"x": x, "y": y, "yaw": np.unwrap(yaw)}, found.total, found.said).thinned(
+        "odometry", rate
+    )
     dx, dy, turn = (np.diff(kept.values[q]) for q in ("x", "y", "yaw"))
     before = kept.values["yaw"][:-1]
     seconds = np.diff(kept.t_ns) / 1e9

@@ -133,14 +133,22 @@ def add_altimeter(binding: Binding, found: Series, known: Known, parts: MissionP
     near = np.abs(found.t_ns - _nearest(found.t_ns, known.depth_ns)) <= _LONGEST_GAP_S * 1e9
     found = found.chosen(near, f"{{}} without a depth within {_LONGEST_GAP_S:g} s")
     if not len(found.t_ns):
-        raise LogError(f"{binding.where}: none of its readings is within {_LONGEST_GAP_S:g} s of a depth: other clocks?")
+        raise LogError(
+            f"{binding.where}: none of its readings is within {_LONGEST_GAP_S:g} s of a depth: other clocks?"
+        )
     depth = known.depth_at(found.t_ns)
     assert depth is not None
     depth = depth - known.offset_m(settings.lever_arm_m, found.t_ns)[:, 2]
     beams = sorted(q for q in found.values if q.startswith("beam_"))
-    if "altitude" in found.values:
-        below, how = found.values["altitude"] * _fall(binding, known, found.t_ns, np.array([0.0, 0.0, -1.0])), ""
-        if known.attitude is not None and np.ptp(known.attitude.pitch_rad) + np.ptp(known.attitude.roll_rad) > 0:
+    if "altitude" in found.values and not (beams and settings.beams == "each"):
+        below, how = (
+            found.values["altitude"] * _fall(binding, known, found.t_ns, np.array([0.0, 0.0, -1.0])),
+            "",
+        )
+        if (
+            known.attitude is not None
+            and np.ptp(known.attitude.pitch_rad) + np.ptp(known.attitude.roll_rad) > 0
+        ):
             how = "along the beam's tilt, "
         tables = [(found.t_ns, depth + below)]
     else:
@@ -150,7 +158,9 @@ def add_altimeter(binding: Binding, found: Series, known: Known, parts: MissionP
         own = sigma if len(t_ns) == len(sigma) else np.full(len(t_ns), np.median(sigma))
         # Soundings of one ping are a microsecond apart: a log holds one of a vehicle at an instant in a known order.
         parts.add("water_depth", known.index, t_ns + 1000 * k, water_depth_m=water, sigma_m=own)
-    parts.said.append(sentence(binding, found, f"with the depth, {how}sigma {np.median(sigma):.3g} m {stated}"))
+    parts.said.append(
+        sentence(binding, found, f"with the depth, {how}sigma {np.median(sigma):.3g} m {stated}")
+    )
 
 
 def _beams(
@@ -187,9 +197,11 @@ def _fall(binding: Binding, known: Known, t_ns: Integers, direction: Floats) -> 
 
 
 def _nearest(t_ns: Integers, known_ns: Integers) -> Integers:
-    after = np.clip(np.searchsorted(known_ns, t_ns), 1, len(known_ns) - 1) if len(known_ns) > 1 else np.zeros(len(t_ns), int)
+    after = (
+        np.clip(np.searchsorted(known_ns, t_ns), 1, len(known_ns) - 1)
+        if len(known_ns) > 1
+        else np.zeros(len(t_ns), int)
+    )
     before = np.maximum(after - 1, 0)
     closer = np.abs(known_ns[before] - t_ns) <= np.abs(known_ns[after] - t_ns)
-    return np.where(closer, known_ns[before], known_ns[after])
-
-
+    return np.asarray(np.where(closer, known_ns[before], known_ns[after]), dtype=np.int64)

@@ -28,7 +28,9 @@ def read_source(path: Path, times: TimeColumns) -> SourceFile:
         if is_bag_folder(path):
             return read_bag(path)
         if path.is_dir():
-            raise LogError(f"{path} is a folder without parts of a ROS 2 bag (.mcap, .db3): name the files in it")
+            raise LogError(
+                f"{path} is a folder without parts of a ROS 2 bag (.mcap, .db3): name the files in it"
+            )
         refuse_irregular(path)
         kind = file_kind(path)
         if kind.key in BAG_KINDS:
@@ -37,7 +39,9 @@ def read_source(path: Path, times: TimeColumns) -> SourceFile:
             return special
         if kind.key == "text":
             return read_table(path, times)
-        raise LogError(f"{path} is {kind.name}, no recording that is read" + (f": {kind.advice}" if kind.advice else ""))
+        raise LogError(
+            f"{path} is {kind.name}, no recording that is read" + (f": {kind.advice}" if kind.advice else "")
+        )
 
 
 def _special(path: Path, kind: str) -> SourceFile | None:

@@ -190,7 +190,9 @@ def _groups(
     damaged = 0
     for size, alike in by_size.items():
         left = np.array(alike, dtype=np.int64)
-        table = np.frombuffer(b"".join([messages[k] for k in alike]), dtype=np.uint8).reshape(-1, max(size, 1))
+        table = np.frombuffer(b"".join([messages[k] for k in alike]), dtype=np.uint8).reshape(
+            -1, max(size, 1)
+        )
         while left.size:
             try:
                 form = _Walk(store, messages[int(left[0])], aligned).form(msgtype)
@@ -201,7 +203,9 @@ def _groups(
                 same = np.arange(left.size) < (1 if form is None else left.size)
             else:
                 same = _lies_alike(form, table, aligned)
-                groups.append((form, left[same], np.ascontiguousarray(table[same]) if not same.all() else table))
+                groups.append(
+                    (form, left[same], np.ascontiguousarray(table[same]) if not same.all() else table)
+                )
             left, table = left[~same], table[~same]
     return groups, damaged
 
@@ -237,12 +241,16 @@ def _texts(records: NDArray[Any], at: int, length: int) -> NDArray[Any]:
     out = np.full(len(records), "", dtype=object)
     if not length:
         return out
-    cells, place = np.unique(np.ascontiguousarray(records[:, at : at + length]).view(f"S{length}"), return_inverse=True)
+    cells, place = np.unique(
+        np.ascontiguousarray(records[:, at : at + length]).view(f"S{length}"), return_inverse=True
+    )
     names = np.array([*(bytes(c).decode("utf-8", "replace") for c in cells.ravel()), None], dtype=object)[:-1]
     return np.asarray(names[place.ravel()])
 
 
-def _joined(count: int, parts: Sequence[tuple[NDArray[np.int64], Callable[[], NDArray[Any]]]]) -> NDArray[Any]:
+def _joined(
+    count: int, parts: Sequence[tuple[NDArray[np.int64], Callable[[], NDArray[Any]]]]
+) -> NDArray[Any]:
     made = [column() for _, column in parts]
     if len(parts) == 1 and len(made[0]) == count:
         return made[0]

@@ -57,18 +57,26 @@ def read_lsf(path: Path) -> SourceFile:
             continue
         at += size
         kind = type(message).__name__
-        rows.setdefault((int(message.src), kind, int(message.src_ent)), []).append((float(message.timestamp), message))
+        rows.setdefault((int(message.src), kind, int(message.src_ent)), []).append(
+            (float(message.timestamp), message)
+        )
     if not rows:
         raise LogError(f"{path} holds no IMC message that imcpy knows")
     notes = []
     if unknown:
-        notes.append(f"{path.name}: {unknown:,} messages are damaged or of types that imcpy does not know: left out")
+        notes.append(
+            f"{path.name}: {unknown:,} messages are damaged or of types that imcpy does not know: left out"
+        )
     if damaged or at < len(content):
-        notes.append(f"{path.name}: {damaged + len(content) - at:,} bytes are no IMC packets, or it is cut off: left out")
+        notes.append(
+            f"{path.name}: {damaged + len(content) - at:,} bytes are no IMC packets, or it is cut off: left out"
+        )
     return _source(path, rows, notes)
 
 
-def _source(path: Path, rows: dict[tuple[int, str, int], list[tuple[float, Any]]], notes: list[str]) -> SourceFile:
+def _source(
+    path: Path, rows: dict[tuple[int, str, int], list[tuple[float, Any]]], notes: list[str]
+) -> SourceFile:
     channels, omitted = [], []
     entities: dict[tuple[int, str], int] = {}
     for system, kind, _ in rows:
@@ -95,7 +103,7 @@ def _system_name(rows: dict[tuple[int, str, int], list[tuple[float, Any]]], syst
 
 
 def _entity_names(rows: dict[tuple[int, str, int], list[tuple[float, Any]]]) -> dict[tuple[int, int], str]:
-    names = {}
+    names: dict[tuple[int, int], str] = {}
     for (system, kind, _), messages in rows.items():
         if kind == "EntityInfo":
             names |= {(system, int(m.id)): str(m.label) for _, m in messages if hasattr(m, "label")}
@@ -106,10 +114,14 @@ def _channel(source: str, name: str, kind: str, rows: list[tuple[float, Any]]) -
     columns: dict[str, Any] = {}
     for label, value in _fields(rows[0][1]).items():
         if isinstance(value, str):
-            columns[label] = np.array([*(str(getattr(m, label, "")) for _, m in rows), None], dtype=object)[:-1]
+            columns[label] = np.array([*(str(getattr(m, label, "")) for _, m in rows), None], dtype=object)[
+                :-1
+            ]
         elif label.startswith("validity_") or label.startswith("valid_"):
-            field, _, flag = label.partition("_")
-            columns[label] = np.array([_has_flag(getattr(m, "validity", 0), flag) for _, m in rows], dtype=np.float64)
+            _, _, flag = label.partition("_")
+            columns[label] = np.array(
+                [_has_flag(getattr(m, "validity", 0), flag) for _, m in rows], dtype=np.float64
+            )
         else:
             columns[label] = np.array([_number(getattr(m, label)) for _, m in rows])
     if not columns:
@@ -125,7 +137,15 @@ _FLAGS = {"GpsFix": ("pos",), "GroundVelocity": ("xy",), "WaterVelocity": ("xy",
 def _fields(message: Any) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for label in dir(message):
-        if label.startswith("_") or label in ("src", "src_ent", "dst", "dst_ent", "timestamp", "msg_id", "msg_name"):
+        if label.startswith("_") or label in (
+            "src",
+            "src_ent",
+            "dst",
+            "dst_ent",
+            "timestamp",
+            "msg_id",
+            "msg_name",
+        ):
             continue
         value = getattr(message, label)
         if isinstance(value, str) or _is_number(value):

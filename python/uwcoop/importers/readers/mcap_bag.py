@@ -28,7 +28,7 @@ class _Topics:
         self.schemas: dict[int, Schema] = {}
         self.by_channel: dict[int, RawTopic] = {}
         self.by_name: dict[tuple[str, str], RawTopic] = {}
-        self.other: dict[str, int] = {}
+        self.other: dict[str, str] = {}
         """Channels whose messages are no CDR, and how they are encoded."""
 
     def channel(self, record: Channel) -> None:
@@ -38,7 +38,8 @@ class _Topics:
             msgtype = msgtype.replace("/", "/msg/")
         topic = self.by_name.setdefault((record.topic, msgtype), RawTopic(record.topic, msgtype))
         if schema is not None and schema.encoding in ("ros2msg", "ros2idl"):
-            topic.definition, topic.idl = schema.data.decode("utf-8", "replace"), schema.encoding == "ros2idl"
+            topic.definition = schema.data.decode("utf-8", "replace")
+            topic.idl = schema.encoding == "ros2idl"
         if record.message_encoding != "cdr":
             self.other[record.topic] = record.message_encoding
         self.by_channel[record.id] = topic

@@ -9,12 +9,16 @@ from __future__ import annotations
 import re
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from uwcoop.errors import LogError
 from uwcoop.importers.bounded import text_lines
 from uwcoop.importers.channels import Channel, SourceFile
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 __all__ = ["read_alog"]
 
@@ -67,11 +71,15 @@ def read_alog(path: Path) -> SourceFile:
     absolute = start_s is not None and start_s > 315_532_800
     if not absolute:
         notes.append(f"{path.name}: times count from a zero of its own, as it has no LOGSTART")
-    channels = tuple(_channel(path.name, name, rows, base_ns, absolute) for name, rows in sorted(entries.items()))
+    channels = tuple(
+        _channel(path.name, name, rows, base_ns, absolute) for name, rows in sorted(entries.items())
+    )
     return SourceFile(path.name, "MOOS log", channels, (), tuple(notes))
 
 
-def _channel(source: str, name: str, entries: list[tuple[float, str, str]], base_ns: int, absolute: bool) -> Channel:
+def _channel(
+    source: str, name: str, entries: list[tuple[float, str, str]], base_ns: int, absolute: bool
+) -> Channel:
     stamps: list[float] = []
     rows: list[dict[str, str]] = []
     for seconds, variable, value in entries:
@@ -85,7 +93,7 @@ def _channel(source: str, name: str, entries: list[tuple[float, str, str]], base
     return Channel(source, name, "moos/entries", t_ns, columns, clock="utc" if absolute else "own")
 
 
-def _values(cells: list[str | None]) -> np.ndarray:  # type: ignore[type-arg]
+def _values(cells: list[str | None]) -> NDArray[Any]:
     try:
         return np.array([np.nan if cell is None else float(cell) for cell in cells])
     except ValueError:

@@ -1,4 +1,4 @@
-"""ROS 1 bags (format 2.0): read from the start without their index, so that a bag that was cut off gives what it holds."""
+"""ROS 1 bags (format 2.0): read from the start without their index: a bag that was cut off gives what it holds."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def read_ros1(path: Path) -> tuple[list[RawTopic], list[str]]:
     size = path.stat().st_size
     with path.open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
-            raise LogError(f"{path} is a ROS 1 bag of an old version: `rosbag fix` makes a bag of version 2.0 of it")
+            raise LogError(
+                f"{path} is a ROS 1 bag of an old version: `rosbag fix` makes a bag of version 2.0 of it"
+            )
         try:
             while (record := _record(file)) is not None:
                 _take(*record, topics)
@@ -111,7 +113,9 @@ def _inflated(compression: bytes, content: bytes) -> bytes:
     inflater = bz2.BZ2Decompressor()
     data = inflater.decompress(content, CHUNK_LIMIT_BYTES + 1)
     if len(data) > CHUNK_LIMIT_BYTES:
-        raise ReadLimitError(f"a chunk holds more than {CHUNK_LIMIT_BYTES / 2**20:g} MiB, the most that is read")
+        raise ReadLimitError(
+            f"a chunk holds more than {CHUNK_LIMIT_BYTES / 2**20:g} MiB, the most that is read"
+        )
     return data
 
 

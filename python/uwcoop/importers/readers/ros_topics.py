@@ -113,7 +113,9 @@ def _stores_of(topic: RawTopic, ros2: bool) -> tuple[Typestore, ...]:
 def _standard(ros2: bool) -> tuple[Typestore, ...]:
     from rosbags.typesys import Stores, get_typestore
 
-    return tuple(map(get_typestore, (Stores.ROS2_JAZZY, Stores.ROS2_HUMBLE) if ros2 else (Stores.ROS1_NOETIC,)))
+    return tuple(
+        map(get_typestore, (Stores.ROS2_JAZZY, Stores.ROS2_HUMBLE) if ros2 else (Stores.ROS1_NOETIC,))
+    )
 
 
 @lru_cache(maxsize=64)

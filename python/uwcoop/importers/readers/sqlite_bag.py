@@ -24,7 +24,9 @@ def read_sqlite(path: Path) -> tuple[list[RawTopic], list[str]]:
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)) as base:
         tables = {row[0] for row in _rows(base, "SELECT name FROM sqlite_master WHERE type = 'table'", path)}
         if not {"topics", "messages"} <= tables:
-            raise LogError(f"{path} is an SQLite database and no ROS 2 bag: it has no tables topics and messages")
+            raise LogError(
+                f"{path} is an SQLite database and no ROS 2 bag: it has no tables topics and messages"
+            )
         definitions: dict[str, tuple[str, str]] = {}
         if "message_definitions" in tables:
             query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
@@ -62,5 +64,6 @@ def _take(base: sqlite3.Connection, number: str, topic: RawTopic, path: Path, no
                 topic.take(received_ns, data)
     except sqlite3.DatabaseError as error:
         notes.append(
-            f"{topic.name}: {path.name} is cut off or damaged ({error}): its first {len(topic.messages):,} messages are read"
+            f"{topic.name}: {path.name} is cut off or damaged ({error}): its first "
+            f"{len(topic.messages):,} messages are read"
         )

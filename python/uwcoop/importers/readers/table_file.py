@@ -35,11 +35,11 @@ class TimeColumns(Protocol):
     """Names of the columns of times; None: find them."""
 
     @property
-    def time(self) -> str | None: ...  # noqa: D102
+    def time(self) -> str | None: ...
     @property
-    def date(self) -> str | None: ...  # noqa: D102
+    def date(self) -> str | None: ...
     @property
-    def time_unit(self) -> str: ...  # noqa: D102
+    def time_unit(self) -> str: ...
 
 
 def read_table(path: Path, about: TimeColumns) -> SourceFile:
@@ -127,7 +127,9 @@ def _column(cells: NDArray[np.object_], kept: NDArray[np.bool_], decimal: str) -
     if decimal == ",":
         texts = [text.replace(",", ".") if COMMA_NUMBER.match(text) else text for text in texts]
     try:
-        values = np.array([np.nan if text.lower() in NO_VALUE else float(text) for text in texts], dtype=np.float64)
+        values = np.array(
+            [np.nan if text.lower() in NO_VALUE else float(text) for text in texts], dtype=np.float64
+        )
     except ValueError:
         return own
     return np.where(np.isfinite(values), values, np.nan)
