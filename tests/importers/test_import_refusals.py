@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from recorded_dive import LAT0, LON0, Array, channel, source, swim, write_bags, write_tables, yaw_quaternion
 from uwcoop.cli import app
 from uwcoop.errors import LogError, ScenarioError
+from uwcoop.experiment.mission import open_mission
 from uwcoop.importers.channels import Channel
 from uwcoop.importers.import_config import load_config
 from uwcoop.importers.mapping.mission import mission_of
@@ -224,3 +225,18 @@ def test_two_files_of_one_name_and_a_bag_without_sensors(tmp_path: Path) -> None
 def test_every_preset_is_a_valid_file() -> None:
     for name in ("bluerov2", "cougars", "holoocean", "iver"):
         assert load_config(None, {"preset": name}).preset == name
+
+
+def test_a_recording_that_is_run_names_the_command_that_imports_it(tmp_path: Path) -> None:
+    made = write_bags(tmp_path)
+    table_ = write_tables(tmp_path)[0]
+    for path, said in (
+        (made["mcap"], "makes a mission of a ROS 2 bag"), (made["sqlite3"], "a folder but no MRCLAM"), (made["ros1"], "is a ROS 1 bag:"),
+        (next(made["sqlite3"].glob("*.db3")), "is a ROS 2 bag (SQLite):"), (table_, "is a text table:"),
+    ):  # fmt: skip
+        with pytest.raises(LogError) as caught:
+            open_mission(path)
+        assert said in str(caught.value)
+        assert f"`uwcoop import {path} -o mission.mcap`" in str(caught.value)
+    with pytest.raises(LogError, match="`uwcoop import` makes one of it"):
+        open_mission(next(made["mcap"].glob("*.mcap")))

@@ -11,7 +11,8 @@ from uwcoop.importers.file_kind import file_kind
 from uwcoop.importers.readers.rosbags import BAG_KINDS, is_bag_folder, read_bag
 from uwcoop.importers.readers.table_file import TimeColumns, read_table
 
-__all__ = ["TimeColumns", "read_source"]
+_TABLES = (".csv", ".tsv", ".gz")
+__all__ = ["TimeColumns", "read_source", "recording_kind"]
 
 
 def read_source(path: Path, times: TimeColumns) -> SourceFile:
@@ -42,6 +43,26 @@ def read_source(path: Path, times: TimeColumns) -> SourceFile:
         raise LogError(
             f"{path} is {kind.name}, no recording that is read" + (f": {kind.advice}" if kind.advice else "")
         )
+
+
+def recording_kind(path: Path) -> str:
+    """What recording a file or folder is, as a sentence names it, by content and, of text, its ending; "" for none."""
+    from uwcoop.importers.readers import imc, mavlink
+
+    if path.is_dir():
+        return "a ROS 2 bag" if is_bag_folder(path) else ""
+    if not path.is_file():
+        return ""
+    kind = file_kind(path)
+    if kind.key in BAG_KINDS:
+        return {"sqlite": "a ROS 2 bag (SQLite)"}.get(kind.key, kind.name)
+    if kind.key == "alog" or path.suffix == ".alog":
+        return "a MOOS log"
+    if mavlink.is_dataflash(path) or mavlink.is_telemetry(path):
+        return "an ArduPilot or MAVLink log"
+    if imc.is_imc(path):
+        return "an IMC log"
+    return "a text table" if kind.key == "text" and path.suffix in _TABLES else ""
 
 
 def _special(path: Path, kind: str) -> SourceFile | None:
