@@ -231,7 +231,8 @@ def test_a_recording_that_is_run_names_the_command_that_imports_it(tmp_path: Pat
     made = write_bags(tmp_path)
     table_ = write_tables(tmp_path)[0]
     for path, said in (
-        (made["mcap"], "makes a mission of a ROS 2 bag"), (made["sqlite3"], "a folder but no MRCLAM"), (made["ros1"], "is a ROS 1 bag:"),
+        (made["mcap"], "makes a mission of a ROS 2 bag"), (made["sqlite3"], "a folder but no MRCLAM"),
+        (made["ros1"], "is a ROS 1 bag:"),
         (next(made["sqlite3"].glob("*.db3")), "is a ROS 2 bag (SQLite):"), (table_, "is a text table:"),
     ):  # fmt: skip
         with pytest.raises(LogError) as caught:
