@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import uwcoop
 from recorded_dive import (
     LAT0,
     LON0,
@@ -279,3 +282,37 @@ def test_one_session_of_a_table_of_many(reference: Path) -> None:
     log = import_recordings([path], overrides={"vehicles": [boat]})
     assert len(log.events["water_depth"]["t_ns"]) == 2068
     assert log.epoch_ns == 1_722_032_248 * 10**9
+
+
+def test_recorded_bags_are_navigated_better_than_by_dead_reckoning(reference: Path, tmp_path: Path) -> None:
+    """Ten minutes of two vehicles as `make_bags.py` writes them, by eight lines of TOML, against their truth."""
+    made = subprocess.run(
+        [sys.executable, str(reference / "cases/make_bags.py"), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert made.returncode == 0, made.stderr
+    toml = tmp_path / "import.toml"
+    toml.write_text(
+        'name = "dive"\norigin_deg = [41.9, -70.5]\n[sensors.altimeter]\nsigma_m = 0.05\n'
+        '[[ranges]]\ntopic = "/{vehicle}/modem/range"\nsigma_m = 0.3\n'
+    )
+    logs = [import_recordings([tmp_path / name], toml) for name in ("ros2-mcap", "ros2-sqlite3", "ros1.bag")]
+    for other in logs[1:]:
+        assert replace(logs[0], notes=()).difference(replace(other, notes=())) is None
+    summary = uwcoop.run(
+        logs[0], ["dead-reckoning", "mpf", "team"], chart=tmp_path / "chart.xyz", truth=[str(tmp_path / "truth.csv")],
+        clouds=False,
+    ).summary["navigators"]  # fmt: skip
+
+    def pooled(name: str) -> tuple[float, list[float]]:
+        merits = summary[name]["vehicles"].values()
+        return float(np.sqrt(np.mean([m["rmse_m"] ** 2 for m in merits]))), [m["anees"] for m in merits]
+
+    reckoned, _ = pooled("dead-reckoning")
+    for name, most_m, least_gain in (("team", 2.6, 1.6), ("mpf", 2.7, 1.4)):
+        rmse, anees = pooled(name)
+        assert rmse <= most_m
+        assert reckoned / rmse >= least_gain, name
+        assert all(0.4 < value < 5 for value in anees), "one mission: instants are correlated"
