@@ -20,6 +20,7 @@ import pytest
 
 import uwcoop
 from uwcoop import scenario
+from uwcoop.importers.import_config import load_config
 from uwcoop.missionlog import EVENT_COLUMNS
 from uwcoop.navigators import NAVIGATORS
 from uwcoop.scenario import loading
@@ -96,7 +97,9 @@ def test_an_untrue_output_is_found() -> None:
 
 def _read_toml(block: pages.Block) -> None:
     table = tomllib.loads(block.text)
-    if "duration_s" in table and block.title:
+    if block.title.startswith("import"):
+        load_config(block.title)
+    elif "duration_s" in table and block.title:
         scenario.load(block.title)
     elif not block.title:  # a part of a scenario: put into one that is whole, it must be a scenario still
         whole = scenario.load("st-john").resolved()

@@ -10,6 +10,7 @@ import typer
 
 from uwcoop.cli.chart_command import chart as chart_command
 from uwcoop.cli.export_command import export as export_command
+from uwcoop.cli.import_command import import_ as import_command
 from uwcoop.cli.onboard_commands import black_box, channel, node, watch
 from uwcoop.cli.options import (
     ChartFileOption,
@@ -69,6 +70,7 @@ EXAMPLES = {
     "study": "uwcoop study flat-bay --runs 50 --navigator mpf,team --vary acoustics.loss.probability=0.0,0.4 -o loss",
     "reproduce": "uwcoop reproduce walls2012 --quick -o walls2012",
     "view": "uwcoop view out",
+    "import": "uwcoop import dive.mcap --inspect > import.toml",
     "export": "uwcoop export out --to geojson --navigator team",
     "node": "uwcoop node --vehicle V1 --scenario flat-bay --state v1",
     "channel": "uwcoop channel --play mission.mcap --speed 20",
@@ -308,6 +310,9 @@ def _study_tables(result: StudyResult, worlds: Sequence[World]) -> Group:
 
 
 app.command(epilog=_example("reproduce"))(reproduce)
+
+
+app.command("import", epilog=_example("import"))(import_command)
 
 
 app.command("export", epilog=_example("export"))(export_command)

@@ -54,6 +54,8 @@ def open_mission(
         from uwcoop.missionlog.mcap import load_log
 
         return _changed(load_log(mission), chart, overrides)
+    if isinstance(mission, str | Path):
+        _refuse_recording(Path(mission))
     if isinstance(mission, str | Path) and Path(mission).is_dir():
         return _changed(*_recorded(Path(mission), 0 if seed is None else seed, overrides, chart))
     from uwcoop.importers.datasets import ENDINGS, open_recording
@@ -66,6 +68,18 @@ def open_mission(
     if isinstance(chart, str | Path):
         return simulate(load_scenario(mission, chart, overrides), seed)
     return simulate(load_scenario(mission, None, overrides), seed, chart)
+
+
+def _refuse_recording(path: Path) -> None:
+    """A recording of a real vehicle needs somebody to say what it is: that is `uwcoop import`."""
+    from uwcoop.importers.readers import recording_kind
+
+    if path.suffix in (".toml", ".json") or not path.is_file():
+        return
+    if what := recording_kind(path):
+        raise LogError(
+            f"{path} is {what}: `uwcoop import {path} -o mission.mcap` makes a mission of it, which can be run"
+        )
 
 
 def has_happened(mission: MissionLog | Scenario | str | Path) -> bool:
@@ -85,7 +99,11 @@ def _recorded(
     from uwcoop.importers.datasets.mrclam_files import is_mrclam
 
     if not is_mrclam(folder):
-        raise LogError(f"{folder} is a folder but no MRCLAM data set: it has no Barcodes.dat")
+        from uwcoop.importers.readers import recording_kind
+
+        what = recording_kind(folder)
+        hint = f"; `uwcoop import {folder} -o mission.mcap` makes a mission of {what}" if what else ""
+        raise LogError(f"{folder} is a folder but no MRCLAM data set: it has no Barcodes.dat{hint}")
     own, others = scenarios.split_overrides(overrides, "mrclam")
     return read_mrclam(folder, seed, **scenarios.table_of(own, "mrclam")), chart, others
 

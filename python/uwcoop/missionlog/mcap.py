@@ -243,8 +243,8 @@ def _about(file: container.Contents) -> dict[str, Any]:
     record = file.metadata.get(_METADATA)
     if record is None:
         raise LogError(
-            f"an MCAP file without uwcoop's metadata (library {file.library!r}): it is no mission log, "
-            "convert it with an importer"
+            f"an MCAP file without uwcoop's metadata (library {file.library!r}): it is no mission log; "
+            "`uwcoop import` makes one of it"
         )
     try:
         about = {key: json.loads(value) for key, value in record.items()}

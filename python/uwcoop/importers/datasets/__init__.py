@@ -17,7 +17,7 @@ from uwcoop.errors import LogError, ScenarioError
 from uwcoop.importers.bounded import refused
 from uwcoop.importers.datasets.labyrinth import INPUT, read_labyrinth
 from uwcoop.importers.datasets.plaza import read_plaza
-from uwcoop.importers.datasets.pyfg import heard_on_the_way, read_pyfg
+from uwcoop.importers.datasets.pyfg import heard_on_the_way, in_seconds, read_pyfg
 from uwcoop.importers.datasets.recording import (
     LabyrinthOptions,
     Options,
@@ -66,6 +66,8 @@ def open_recording(path: str | Path, overrides: Iterable[str] = ()) -> MissionLo
         found = read(path)
         if isinstance(options, PyfgOptions) and options.range_delay_edges > 0:
             found = heard_on_the_way(found, options.range_delay_edges)
+        if isinstance(options, PyfgOptions):
+            found = in_seconds(found)
         log = mission_of(found, options)
         validate(log)
     return log
