@@ -143,6 +143,7 @@ impl CentralEstimator for Cekf {
     fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error> {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;
+        self.core.graph.check_heading(own, &event.payload)?;
         self.core.last_ns[own] = Some(event.t_ns);
         Ok(match event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, .. } => self.hear(sender, own, tol_ns, toa_ns),
@@ -286,6 +287,7 @@ impl CentralEstimator for Received {
     fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error> {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;
+        self.core.graphs[own].check_heading(own, &event.payload)?;
         self.core.last_ns[own] = Some(event.t_ns);
         Ok(match event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, .. } => self.hear(sender, own, tol_ns, toa_ns),
