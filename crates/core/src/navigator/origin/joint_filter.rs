@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
-use super::lasting::{Lasting, LastingOptions, NoiseScale};
+use super::lasting::{Lasting, LastingOptions};
 use super::local::{self, Fused, predicted, start};
 use super::local_options::LocalOptions;
 use super::range::Range;
@@ -300,10 +300,10 @@ impl JointFilter {
         self.now.joint.log_evidence()
     }
 
-    /// Noise of the day, and the errors of gyro (rad/s) and ranges (root mean square, m) that last.
+    /// Noise of the day and errors that last, each with its name in the diagnostics.
     #[must_use]
-    pub fn lasting(&self) -> (NoiseScale, (f64, f64)) {
-        (self.now.lasting.scale, self.now.lasting.known(&self.now.joint))
+    pub fn lasting_by_name(&self) -> [(&'static str, f64); 4] {
+        self.now.lasting.by_name(&self.now.joint)
     }
 
     /// Nodes in the joint.

@@ -184,18 +184,19 @@ impl Lasting {
         joint.couple(own, gyro, &turn);
     }
 
-    /// Errors as they are known: of the gyro in rad/s, and root mean square over teammates of the ranges' in m.
+    /// Factors on sigmas, the ranges' error (root mean square over teammates, m) and the gyro's (rad/s) as they are known.
     #[must_use]
-    pub fn known(&self, joint: &Joint) -> (f64, f64) {
-        let gyro = self.gyro.map_or(0.0, |node| joint.node_mean(node)[0]);
-        let errors: Vec<f64> = self
-            .ranges
-            .iter()
-            .flatten()
-            .map(|(node, _)| joint.node_mean(*node).fixed_rows::<2>(0).sum())
-            .collect();
-        let square: f64 = errors.iter().map(|error| error * error).sum();
-        (gyro, (square / errors.len().max(1) as f64).sqrt())
+    pub fn by_name(&self, joint: &Joint) -> [(&'static str, f64); 4] {
+        let error_m = |node: &(usize, i64)| joint.node_mean(node.0).fixed_rows::<2>(0).sum();
+        let errors = || self.ranges.iter().flatten().map(error_m);
+        let mean_square_m2 =
+            errors().map(|error| error * error).sum::<f64>() / errors().count().max(1) as f64;
+        [
+            ("range_noise_scale", self.scale.range.sqrt()),
+            ("motion_noise_scale", self.scale.motion.sqrt()),
+            ("range_error_m", mean_square_m2.sqrt()),
+            ("gyro_bias_radps", self.gyro.map_or(0.0, |node| joint.node_mean(node)[0])),
+        ]
     }
 }
 

@@ -341,13 +341,7 @@ impl Navigator for Mdeif {
             ("origin_correlation", server.origin_correlation(now_ns)),
             ("graph_nodes", server.chain().nodes().len() as f64),
         ];
-        let (scale, (gyro_radps, range_m)) = self.core.joint_filter.lasting();
-        let day = [
-            ("range_noise_scale", scale.range.sqrt()),
-            ("motion_noise_scale", scale.motion.sqrt()),
-            ("range_error_m", range_m),
-            ("gyro_bias_radps", gyro_radps),
-        ];
+        let day = self.core.joint_filter.lasting_by_name();
         graph.into_iter().chain(day).chain(counts.by_name()).collect()
     }
 }
