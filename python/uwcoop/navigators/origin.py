@@ -38,8 +38,8 @@ class OriginOptions(NavigatorOptions, method="deif"):
     sigma_odometry_scale: float = FROM_CORE
     """Prior of the scale error of odometry."""
     sigma_gyro_bias_radps: float = FROM_CORE
-    """Prior of the constant error of a gyro whose yaw changes odometry holds. `mdeif` estimates it; the others and packets
-    hold the growth of the heading's variance only."""
+    """Prior of the constant error of the gyro behind the yaw changes of odometry. `mdeif` estimates it; in the others and in
+    packets the variance of the heading grows by it."""
     sigma_range_m: float = FROM_CORE
     """Of a slant range."""
     gate_sigmas: float = FROM_CORE
@@ -59,7 +59,7 @@ class MdeifOptions(OriginOptions, method="mdeif"):
     range_drift_s: float = FROM_CORE
     """Time in which the correlation of the changing error falls to 1/e."""
     noise_scale_max: float = FROM_CORE
-    """The sigmas of ranges and of the own motion may grow to so many times the stated ones, as innovations show; 1: off."""
+    """Sigmas of ranges and of the own motion may grow to so many times the stated ones, as innovations show; 1: off."""
     noise_scale_rate: float = FROM_CORE
     """Share of one range in that scale."""
     packet_form: PacketForm = FROM_CORE

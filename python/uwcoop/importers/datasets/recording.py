@@ -195,6 +195,17 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
             }
         ),
         truth=_truth(found, beacons),
+        notes=_notes(found, options),
+    )
+
+
+def _notes(found: Recording, options: Options) -> tuple[str, ...]:
+    """What was assumed."""
+    if options.sigma_start_yaw_rad <= HEADING_KNOWN_RAD:
+        return ()
+    return (
+        f"heading at the start: not measured (sigma {options.sigma_start_yaw_rad:g} rad): only mdeif has hypotheses "
+        "for it; recording.sigma_start_yaw_rad states one that is known",
     )
 
 
