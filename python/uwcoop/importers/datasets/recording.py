@@ -212,6 +212,13 @@ def _notes(found: Recording, options: Options) -> tuple[str, ...]:
 def _navigator_options(options: Options) -> dict[str, dict[str, Any]]:
     """What navigators are told of ranges and odometry."""
     sigma_m = options.sigma_range_m
+    lasting = {
+        "sigma_range_bias_m": options.sigma_range_bias_share * sigma_m,
+        "sigma_range_drift_m": options.sigma_range_drift_share * sigma_m,
+        "noise_scale_max": options.noise_scale_max,
+    }
+    if options.sigma_range_drift_share > 0:
+        lasting["range_drift_s"] = options.range_drift_s
     return {
         "all": {
             "sigma_range_m": sigma_m,
@@ -220,12 +227,7 @@ def _navigator_options(options: Options) -> dict[str, dict[str, Any]]:
             "sigma_gyro_bias_radps": options.sigma_gyro_bias_radps,
             "clock": {"late_share": options.late_share, "lateness_m": options.lateness_share * sigma_m},
         },
-        "mdeif": {
-            "sigma_range_bias_m": options.sigma_range_bias_share * sigma_m,
-            "sigma_range_drift_m": options.sigma_range_drift_share * sigma_m,
-            "range_drift_s": options.range_drift_s,
-            "noise_scale_max": options.noise_scale_max,
-        },
+        "mdeif": lasting,
     }
 
 
