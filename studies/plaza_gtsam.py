@@ -67,7 +67,9 @@ def isam(found: Recording, options: Options, huber: float | None = None) -> tupl
         pose = pose.compose(moved)
         values.insert(i, pose)
         ranged = False
-        while k < len(order) and found.range_s[order[k]] <= at_s:
+        # A range is of the pose that is nearest in time.
+        next_s = found.odometry_s[i] if i < len(found.odometry_s) else np.inf
+        while k < len(order) and found.range_s[order[k]] <= 0.5 * (at_s + next_s):
             row, k, ranged = order[k], k + 1, True
             factors.add(gtsam.RangeFactor2D(i, keys[found.range_beacon[row]], found.range_m[row], heard))
         if ranged:

@@ -162,8 +162,8 @@ def mrclam(data: Path, runs: int) -> None:
 def left_out(data: Path) -> None:
     """Prior of a range's lasting errors chosen on three recordings, judged on the fourth.
 
-    Of the choices with which each of the three has an ANEES of at most 3, that with the least product of their errors; where
-    there is none, that with the least of the largest ANEES.
+    Of the choices with which each of the three has an ANEES of at most 3, that with the least product of their errors;
+    where there is none, that with the least of the largest ANEES.
     """
     grid = [(bias, drift, time) for bias, drift, time in itertools.product(SHARES, SHARES, DRIFT_S)
             if drift > 0 or time == DRIFT_S[0]]  # fmt: skip
@@ -178,7 +178,8 @@ def left_out(data: Path) -> None:
         for name, place in PATHS.items()
     }  # fmt: skip
     print(
-        "| left out | bias, share of sigma | drift, share | drift time (s) | ANEES of the others, largest | RMSE (m) | ANEES |"
+        "| left out | bias, share of sigma | drift, share | drift time (s) | largest ANEES of the others | RMSE (m) "
+        "| ANEES |"
     )
     print("|---|---|---|---|---|---|---|")
     for name in PATHS:

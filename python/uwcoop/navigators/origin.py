@@ -38,8 +38,8 @@ class OriginOptions(NavigatorOptions, method="deif"):
     sigma_odometry_scale: float = FROM_CORE
     """Prior of the scale error of odometry."""
     sigma_gyro_bias_radps: float = FROM_CORE
-    """Prior of the constant error of the gyro behind the yaw changes of odometry. `mdeif` estimates it; in the others and in
-    packets the variance of the heading grows by it."""
+    """Prior of the constant error of the gyro behind the yaw changes of odometry. `mdeif` estimates it; in the others
+    and in packets the variance of the heading grows by it."""
     sigma_range_m: float = FROM_CORE
     """Of a slant range."""
     gate_sigmas: float = FROM_CORE

@@ -298,14 +298,17 @@ def _setup(options: MrclamOptions) -> MissionSetup:
                 "sigma_velocity_root": 0.0,
                 "sigma_yaw_rate_degps": options.turn_rate_sigma_degps,
             },
-            "landmark": {
-                "fix_correlation_s": options.fix_correlation_s,
-                "bias_states": options.odometry_scale_sigma > 0 or options.gyro_bias_sigma_degps > 0,
-                "sigma_dvl_scale0": options.odometry_scale_sigma,
-                "sigma_gyro_bias0_degps": options.gyro_bias_sigma_degps,
-            },
+            "landmark": {"fix_correlation_s": options.fix_correlation_s, **_bias_states(options)},
         },
     })  # fmt: skip
+
+
+def _bias_states(options: MrclamOptions) -> dict[str, Any]:
+    """Priors of what odometers and gyros have wrong, where there are any."""
+    scale, gyro_degps = options.odometry_scale_sigma, options.gyro_bias_sigma_degps
+    if not (scale > 0 or gyro_degps > 0):
+        return {}
+    return {"bias_states": True, "sigma_dvl_scale0": scale, "sigma_gyro_bias0_degps": gyro_degps}
 
 
 def _link() -> Link:
