@@ -89,8 +89,8 @@ def longest(
     for number, robot in robots.items():
         try:
             one = span(number, robot, start_s, duration_s, where)
-        except LogError:
-            lacking.append(f"{number} does not stand still")
+        except LogError as error:
+            lacking.append(str(error).removeprefix(f"{where}: robot "))
             continue
         if not sees(one):
             lacking.append(f"{number} is not seen and sees nobody while it stands")

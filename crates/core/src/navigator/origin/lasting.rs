@@ -194,7 +194,7 @@ impl Lasting {
         [
             ("range_noise_scale", self.scale.range.sqrt()),
             ("motion_noise_scale", self.scale.motion.sqrt()),
-            ("range_error_m", mean_square_m2.sqrt()),
+            ("range_error_m", mean_square_m2.abs().sqrt()),
             ("gyro_bias_radps", self.gyro.map_or(0.0, |node| joint.node_mean(node)[0])),
         ]
     }
