@@ -191,6 +191,9 @@ def recordings(arguments: argparse.Namespace) -> None:
             chosen = [f"recording.beacons={list(beacons)}"] if beacons else []
             if beacons is None:
                 chosen = ["recording.range_delay_edges=0.5"]
+            if file.startswith("plaza"):
+                # Others than mdeif need a heading: that of the file, which is the truth's.
+                chosen.append("recording.sigma_start_yaw_rad=0.01")
             summary = uwcoop.run(path, overrides=chosen, clouds=False).summary
             for navigator, found in summary["navigators"].items():
                 own = next(iter(found["vehicles"].values()))
