@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from uwcoop.charts.chart import bilinear_depth
-from uwcoop.charts.surface import distance, medians, robust_sd, spatial
+from uwcoop.charts.surface import distance, medians, robust_mean, robust_sd, spatial
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -44,14 +44,13 @@ SIGMA_SHIFT_M = 5.0
 _STEP_M = 3.0
 _POLISH_M = (1.5, 0.75, 0.4)
 _SWEEPS = 8
+_NEAR_LIMIT_M = 3.0
 _STILL_M = 0.1
 _WIDER = 1.5
 _GAIN_NAT = 1.0
 """A segment moves only to where it agrees better by this."""
 _STEADY_SDS = 3.0
 """A level whose change is below so many of its standard errors stays."""
-_HUBER_SDS = 1.345
-_PIN_ROUNDS = 20
 _BETTER = 0.95
 """Shifts are kept where the robust standard deviation falls to this share."""
 _DOF = 4.0
@@ -152,22 +151,24 @@ def align_segments(
         segment: (N,) numbers from 0, as `segments_of` gives them.
         cell_m: medians of cells of this size make the surface of the other segments.
         max_gap_m: that surface reaches no farther from a sounding.
-        start: shifts of these segments to begin from, and the limit to search to; None: none, and a limit that is widened
-            until few segments end there.
+        start: shifts of these segments to begin from, near which they stay; None: none, and a limit that is widened until
+            few segments end there.
         sweeps: over all segments, at most.
     """
+    still = np.zeros(int(segment.max()) + 1, dtype=bool)
     if start is not None:
-        return _aligned(soundings, segment, (cell_m, max_gap_m), start.shift_m, start.limit_m, sweeps)
-    limit_m, shift_m = FARTHEST_M, np.zeros((int(segment.max()) + 1, 3))
+        return _aligned(soundings, segment, (cell_m, max_gap_m), start.shift_m, start.limit_m, still, sweeps)
+    limit_m, shift_m, search = FARTHEST_M, np.zeros((still.size, 3)), ~still
     before_m: float | None = None
     while True:
-        found = _aligned(soundings, segment, (cell_m, max_gap_m), shift_m, limit_m, sweeps)
+        found = _aligned(soundings, segment, (cell_m, max_gap_m), shift_m, limit_m, search, sweeps)
         if before_m is None and not found.after_m <= _BETTER * found.before_m:
             return replace(found, shift_m=0 * found.shift_m, after_m=found.before_m, at_limit=0)
         few = found.at_limit < max(AT_LIMIT_SHARE * len(found.shift_m), LEAST_AT_LIMIT)
         before_m = found.before_m if before_m is None else before_m
         if few or limit_m >= MOST_M:
             return replace(found, before_m=before_m)
+        search = np.hypot(*found.shift_m[:, :2].T) > limit_m - _NEAR_LIMIT_M
         limit_m, shift_m = min(_WIDER * limit_m, MOST_M), found.shift_m
 
 
@@ -177,6 +178,7 @@ def _aligned(
     size_m: tuple[float, float],
     start_m: Values,
     limit_m: float,
+    search: NDArray[np.bool_],
     sweeps: int,
 ) -> Alignment:
     """Sweeps over all segments, from some shifts on, none farther than the limit."""
@@ -200,7 +202,7 @@ def _aligned(
             if sweep == 0:
                 before.append(start[np.isfinite(start)])
             scale = max(min(sigma, robust_sd(start[np.isfinite(start)])), _LEAST_SIGMA_M)
-            shift[k] = _best_shift(surface, original[own], shift[k], scale, limit_m)
+            shift[k] = _best_shift(surface, original[own], shift[k], scale, limit_m, bool(search[k]))
             at_limit += int(np.hypot(*shift[k, :2]) > limit_m - _POLISH_M[-1])
             moved[own] = original[own] + shift[k]
             searched.append(k)
@@ -212,25 +214,11 @@ def _aligned(
         weights = np.array([members[k].size for k in searched], dtype=np.float64)
         still = np.abs(shift - was)[:, :2].max() < _STILL_M
         if not still or sweep == 0:
-            shift[searched] -= _robust_mean(shift[searched], weights)
+            shift[searched] -= robust_mean(shift[searched], weights)
         moved = original + shift[segment]
         if still:
             break
     return Alignment(segment, shift, robust_sd(np.concatenate(before)), sigma, limit_m, at_limit)
-
-
-def _robust_mean(shift: Values, weights: Values) -> Values:
-    """Huber's mean of shifts (K, 3) on each axis, weighted; segments far from most count less."""
-    centre = np.average(shift, axis=0, weights=weights)
-    for _ in range(_PIN_ROUNDS):
-        off = np.abs(shift - centre)
-        scale = np.maximum(np.median(off, axis=0) * 1.4826, 1e-9) * _HUBER_SDS
-        share = weights[:, None] * np.minimum(1.0, scale / np.maximum(off, 1e-12))
-        moved = (share * shift).sum(axis=0) / share.sum(axis=0)
-        if np.abs(moved - centre).max() < 1e-6:
-            break
-        centre = moved
-    return np.asarray(centre)
 
 
 @dataclass(frozen=True)
@@ -304,13 +292,15 @@ def _within(points: Values, at: tuple[Values, Values], reach_m: float) -> NDArra
     return np.asarray(np.isfinite(distance((points[:, 0], points[:, 1]), at, reach_m)))
 
 
-def _best_shift(surface: _Surface, own: Values, start: Values, sigma_m: float, limit_m: float) -> Values:
+def _best_shift(
+    surface: _Surface, own: Values, start: Values, sigma_m: float, limit_m: float, search: bool
+) -> Values:
     """The shift (east, north, down) at which one segment agrees best with the surface; `start` unless that gains."""
     thinned = own[:: -(-len(own) // _MOST_SEARCHED)]
     places = len(np.unique(np.floor(thinned[:, :2] / _PLACE_M), axis=0))
     offsets = np.arange(-limit_m, limit_m + _STEP_M / 2, _STEP_M)
     grid = np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
-    candidates = np.vstack([start[None, :2], grid[np.hypot(*grid.T) <= limit_m]])
+    candidates = np.vstack([start[None, :2], grid[np.hypot(*grid.T) <= limit_m][: None if search else 0]])
 
     def tried(shifts: Values) -> list[tuple[float, int]]:
         return [_score(surface.residual(thinned, s), s, sigma_m, places) for s in shifts]
