@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 import uwcoop
 from uwcoop.cli import app
-from uwcoop.errors import LogError, ScenarioError
+from uwcoop.errors import LogError, ScenarioError, UwcoopError
 from uwcoop.experiment.mission import open_mission
 
 BEACONS = {"L0": (0.0, 0.0), "L1": (300.0, 0.0)}
@@ -53,6 +53,12 @@ def graph_text(count: int = 60, odometer: float = 1.0, outlier: int | None = Non
     return "\n".join(lines) + "\n"
 
 
+WHITE = [
+    "recording.sigma_range_bias_share=0", "recording.sigma_range_drift_share=0",
+    "recording.late_share=0", "recording.noise_scale_max=1",
+]  # fmt: skip
+"""Errors of ranges as the references have them: each is new."""
+KNOWN = "recording.sigma_start_yaw_rad=0.01"
 TUNED = ["recording.sigma_range_m=1", "recording.sigma_beacon_m=0.1", "recording.sigma_odometry_m=1"]
 
 
@@ -106,7 +112,7 @@ def test_pose_graphs_of_beacons_tell_what_their_places_tell(
 ) -> None:
     """A beacon is a ship that stands still: who rebuilds its graph knows as much as who is told everything."""
     chosen = [f"recording.beacons={beacons}"] if beacons else []
-    result = uwcoop.run(graph, [navigator, "cekf"], overrides=chosen, clouds=False)
+    result = uwcoop.run(graph, [navigator, "cekf"], overrides=[*chosen, *WHITE], clouds=False)
     ours, reference = result.tracks["position_m"].values[:, 0]
     assert np.hypot(*(ours - reference).T).max() < 0.1
     spread = np.trace(result.tracks["covariance_m2"].values[:, 0], axis1=-2, axis2=-1)
@@ -217,8 +223,12 @@ def test_plaza_files_are_read(tmp_path: Path) -> None:
     log = open_mission(path)
     assert log.name == "Plaza9"
     assert log.vehicles == ("mower", "L0", "L1")
-    summary = uwcoop.run(path, ["cekf"], clouds=False).summary
+    summary = uwcoop.run(path, ["cekf"], overrides=[KNOWN], clouds=False).summary
     assert own(summary, "cekf")["rmse_m"] < 0.5
+    assert own(uwcoop.run(path, clouds=False).summary, "mdeif")["rmse_m"] < 1.0
+    assert "heading at the start: not measured" in log.notes[0]
+    with pytest.raises(UwcoopError, match=r"sigma of the heading .*mdeif alone .* is 3\.2"):
+        uwcoop.run(path, ["cekf"], clouds=False)
     content = loadmat(path)
     savemat(path, {name: content[name] for name in ("DR", "GT", "TL")})
     with pytest.raises(LogError, match="has no table TD of 4 columns"):
@@ -311,7 +321,7 @@ def test_goats(reference: Path, run: int, ins_m: float, gated: int) -> None:
 def test_goats_with_ranges_heard_on_the_way(reference: Path, run: int, ins_m: float) -> None:
     """The middle of what can be, as nobody says when between two poses a range was heard: better than INS in both."""
     path = reference / f"data/goats/goats_{run}.pyfg"
-    half = ["recording.range_delay_edges=0.5"]
+    half = ["recording.range_delay_edges=0.5", "recording.sigma_beacon_m=3", *WHITE]
     summary = uwcoop.run(path, ["local-only", "cekf"], overrides=half, clouds=False).summary
     assert own(summary, "local-only")["rmse_m"] == pytest.approx(ins_m, abs=0.02)
     assert own(summary, "cekf")["rmse_m"] < own(summary, "local-only")["rmse_m"]
@@ -321,7 +331,7 @@ def test_goats_with_ranges_heard_on_the_way(reference: Path, run: int, ins_m: fl
 def test_plaza_against_a_graph_optimiser(reference: Path) -> None:
     """The online error on the 1 Hz grid against that of an incremental smoother fed the same odometry and ranges."""
     path = reference / "data/plaza/Plaza1_.mat"
-    ours = own(uwcoop.run(path, ["cekf"], clouds=False).summary, "cekf")["rmse_m"]
+    ours = own(uwcoop.run(path, ["cekf"], overrides=[KNOWN, *WHITE], clouds=False).summary, "cekf")["rmse_m"]
     # What GTSAM 4.3's ISAM2 gave (studies/plaza_gtsam.py), updated at every range.
     assert ours == pytest.approx(2.545, rel=0.05)
 
@@ -342,4 +352,22 @@ def test_plaza_without_its_heading(reference: Path, turn_rad: float) -> None:
     yaw = open_mission(path).events["heading"]["yaw_rad"][0] + turn_rad
     stated = [f"recording.start_yaw_rad={math.remainder(yaw, 2 * math.pi)}", UNKNOWN]
     found = own(uwcoop.run(path, ["mdeif"], overrides=stated, clouds=False).summary, "mdeif")
-    assert found["rmse_m"] < 3.0
+    assert found["rmse_m"] < 1.5
+    assert found["anees"] < 3
+
+
+@pytest.mark.parametrize(
+    ("place", "rmse_m"),
+    [
+        ("goats/goats_14.pyfg", 4.05),
+        ("goats/goats_15.pyfg", 5.44),
+        ("labyrinth/Indoor_UWB_Input.txt", 0.127),
+    ],
+)
+def test_default_options_are_honest_and_no_worse_than_with_white_noise(
+    reference: Path, place: str, rmse_m: float
+) -> None:
+    """Bounds: the error of `mdeif` when it took every error of a range for a new one."""
+    found = own(uwcoop.run(reference / "data" / place, ["mdeif"], clouds=False).summary, "mdeif")
+    assert found["rmse_m"] <= rmse_m
+    assert 1 < found["anees"] < 3

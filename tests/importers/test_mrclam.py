@@ -109,6 +109,22 @@ def test_a_made_data_set_becomes_a_mission_in_the_landmarks_frame(tmp_path: Path
     assert log.events["role_taken"]["landmark"].tolist() == [True, False]
 
 
+def test_the_robot_that_stands_longest_is_the_landmark_and_is_named(tmp_path: Path) -> None:
+    log = read_mrclam(made(tmp_path / "set"))
+    assert log.notes == (
+        "robot 1 is the landmark: it stands still for 60.0 s, the longest, from 20.0 s on; robot 2 never stands still: "
+        "it cannot be the landmark",
+    )
+    assert read_mrclam(tmp_path / "set", landmark=1).notes == ()
+    brief = made(tmp_path / "brief", stop_s=75.0)
+    with pytest.raises(
+        LogError, match=r"longer than settle_s = 10 s: robot 1 stands still for 5\.0 s only"
+    ) as none:
+        read_mrclam(brief)
+    assert "\n" not in str(none.value)
+    assert read_mrclam(brief, settle_s=2.0).vehicles == ("R1", "R2")
+
+
 def test_the_schedule_thins_out_and_losses_are_drawn(tmp_path: Path) -> None:
     folder = made(tmp_path / "set")
     full = read_mrclam(folder, dropout_share=0.0, interval_s=0.1)
@@ -141,9 +157,11 @@ def test_priors_are_drawn_from_what_they_state(tmp_path: Path) -> None:
 
 def test_it_can_be_opened_as_any_mission_and_written_as_any_log(tmp_path: Path) -> None:
     folder = made(tmp_path / "set")
-    log = open_mission(str(folder), 2, None, ["mrclam.dropout_share=0.0", "navigator.landmark.seed_unused=1"])
+    stated = ["mrclam.dropout_share=0.0", "navigator.landmark.seed_unused=1"]
+    plain = ["mrclam.fix_correlation_s=0", "mrclam.odometry_scale_sigma=0", "mrclam.gyro_bias_sigma_degps=0"]
+    log = open_mission(str(folder), 2, None, [*stated, *plain])
     assert log.setup.tables()["mrclam"]["dropout_share"] == 0
-    assert log.setup.navigator.own["landmark"] == {"seed_unused": 1}
+    assert log.setup.navigator.own["landmark"] == {"seed_unused": 1, "fix_correlation_s": 0.0}
     assert log.setup.positioning == PositioningSigmas(0.2, 2.0, 2.0)
     assert log.setup.metrics.settle_s == 10
     write_log(log, tmp_path / "set.mcap")

@@ -14,6 +14,7 @@ import pytest
 import uwcoop
 from uwcoop import _native
 from uwcoop.errors import NavigatorError
+from uwcoop.importers.datasets.recording import PlazaOptions, Recording, mission_of
 from uwcoop.missionlog import MissionLog
 from uwcoop.missionlog.model import event_columns
 from uwcoop.navigators import NAVIGATORS, OriginOptions, options_of
@@ -50,6 +51,7 @@ MISSIONS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 """Scenario and overrides of a mission."""
 
+OF_ODOMETRY = ("sigma_odometry_scale", "sigma_gyro_bias_radps")
 OF_EQUATION_6 = ("use_equation_6", "health_loss_max")
 OF_WIDE_CLOUDS = (
     "resample_share",
@@ -81,6 +83,8 @@ SWITCHES: dict[tuple[str, ...], dict[str, Any]] = {
     ): {"bias_states": True},
     # Expectation-maximisation that is stopped early: which start it ends in then matters.
     ("cluster_starts",): {"cluster_iterations": 3, "clusters_by": "aic"},
+    ("range_drift_s",): {"sigma_range_drift_m": 1.0},
+    ("noise_scale_rate",): {"noise_scale_max": 5.0},
     OF_EQUATION_6: {"packet_form": "f64", "exact_lags": 1, "use_joint": False},
     OF_WIDE_CLOUDS: {
         "sigma_range_m": 3.0,
@@ -147,6 +151,10 @@ CHANGED: dict[str, Any] = {
     "monitor_clip": 0.5,
     # Below `monitor_quiet_s`: no alarm repeats another.
     "monitor_repeat_s": 1.0,
+    "fix_correlation_s": 5.0,
+    "sigma_gyro_bias_radps": 1e-3,
+    "sigma_range_bias_m": 5.0,
+    "sigma_range_drift_m": 5.0,
     "sigma_range_m": 25.0,
     "clock": {"late_share": 0.5},
     "referee_nat": 0.0,
@@ -181,6 +189,8 @@ def kind_of(name: str, option: str = "") -> str:
     if issubclass(model, ExchangeOptions):
         return "vague" if option in OF_WIDE_CLOUDS else "landmark"
     if issubclass(model, OriginOptions):
+        if option in OF_ODOMETRY:
+            return "odometry"
         return "lossy" if option in OF_EQUATION_6 else "origin"
     return "unlimited" if NAVIGATORS[name].needs_bandwidth or name == "team" else "particles"
 
@@ -191,6 +201,8 @@ def mission(kind: str) -> MissionLog:
         return with_holes(mission("unlimited"))
     if kind == "dvl":
         return with_a_dvl(uwcoop.simulate(load(MISSIONS["unlimited"][0], MISSIONS["unlimited"][1]), seed=1))
+    if kind == "odometry":
+        return with_odometry()
     name, overrides = MISSIONS[kind]
     # Without truth no bound is computed.
     return replace(uwcoop.simulate(load(name, overrides), seed=1), truth=None)
@@ -220,6 +232,28 @@ def with_a_dvl(log: MissionLog) -> MissionLog:
     order = [np.lexsort((table["vehicle"], table["t_ns"])) for table in whole]
     heading, lock = ({n: c[o] for n, c in table.items()} for table, o in zip(whole, order, strict=True))
     return replace(log, truth=None, events={**log.events, "heading": heading, "ground_velocity": lock})
+
+
+def with_odometry() -> MissionLog:
+    """A vehicle that drives a bend by odometry and hears a beacon."""
+    count = 60
+    yaw = np.linspace(0.0, 1.5, count + 1)
+    place = np.cumsum(np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0)
+    recording = Recording(
+        name="bend",
+        vehicle="robot",
+        beacons={"L0": (50.0, -20.0)},
+        start=(float(place[0, 0]), float(place[0, 1]), 0.0),
+        odometry_s=np.arange(1.0, count + 1),
+        displacement_m=np.tile([1.0, 0.0], (count, 1)),
+        yaw_change_rad=np.diff(yaw),
+        range_s=np.arange(1, count) + 0.5,
+        range_beacon=["L0"] * (count - 1),
+        range_m=np.hypot(*(place[1:count] - (50.0, -20.0)).T),
+        truth_s=np.arange(count + 1.0),
+        truth=np.column_stack([place, yaw]),
+    )
+    return replace(mission_of(recording, PlazaOptions(sigma_start_yaw_rad=0.05)), truth=None)
 
 
 def with_holes(log: MissionLog) -> MissionLog:

@@ -12,6 +12,7 @@ use uwcoop_core::information::replica::Methods;
 use uwcoop_core::link::{Authenticator, FailedTags, ReplayGuard};
 use uwcoop_core::navigator::authenticated::Authenticated;
 use uwcoop_core::navigator::origin::interleaved::{Interleaved, InterleavedOptions};
+use uwcoop_core::navigator::origin::lasting::LastingOptions;
 use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::navigator::team::TeamOptions;
@@ -70,6 +71,8 @@ const LOCAL: LocalOptions = LocalOptions {
     process_noise_m2_per_s3: 1e-4,
     process_noise_dvl_m2_per_s3: 1e-2,
     sigma_velocity0_mps: 1.0,
+    sigma_odometry_scale: 1e-3,
+    sigma_gyro_bias_radps: 0.0,
     sigma_range_m: 1.0,
     gate_sigmas: 6.0,
     clock: uwcoop_core::navigator::clock::ClockOptions::NONE,
@@ -77,7 +80,13 @@ const LOCAL: LocalOptions = LocalOptions {
 
 fn mdeif(own: u16) -> Mdeif {
     let methods = Methods { joint: true, lags: 6, equation_6: true, loss_max: 1e-4 };
-    let options = MdeifOptions { local: LOCAL, form: GraphForm::F64, exact_lags: 2, methods };
+    let options = MdeifOptions {
+        local: LOCAL,
+        lasting: LastingOptions::NONE,
+        form: GraphForm::F64,
+        exact_lags: 2,
+        methods,
+    };
     Mdeif::new(own, &[true; TEAM], options, SOUND_SPEED_MPS).unwrap()
 }
 

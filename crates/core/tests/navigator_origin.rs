@@ -6,6 +6,7 @@ use std::sync::Arc;
 use uwcoop_core::event::{Event, Payload, VehicleId};
 use uwcoop_core::information::replica::Methods;
 use uwcoop_core::navigator::origin::deif::{Deif, Repair};
+use uwcoop_core::navigator::origin::lasting::LastingOptions;
 use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::navigator::{Navigator, Outcome};
@@ -20,6 +21,8 @@ fn local() -> LocalOptions {
         process_noise_m2_per_s3: 1e-4,
         process_noise_dvl_m2_per_s3: 1e-2,
         sigma_velocity0_mps: 1.0,
+        sigma_odometry_scale: 1e-3,
+        sigma_gyro_bias_radps: 0.0,
         sigma_range_m: 1.0,
         gate_sigmas: 6.0,
         clock: uwcoop_core::navigator::clock::ClockOptions::NONE,
@@ -28,7 +31,8 @@ fn local() -> LocalOptions {
 
 fn mdeif(own: VehicleId, ranging: &[bool], form: GraphForm) -> Mdeif {
     let methods = Methods { joint: true, lags: 6, equation_6: true, loss_max: 1e-4 };
-    let options = MdeifOptions { local: local(), form, exact_lags: 2, methods };
+    let options =
+        MdeifOptions { local: local(), lasting: LastingOptions::NONE, form, exact_lags: 2, methods };
     Mdeif::new(own, ranging, options, SOUND).unwrap()
 }
 

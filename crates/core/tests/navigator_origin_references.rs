@@ -19,6 +19,8 @@ const LOCAL: LocalOptions = LocalOptions {
     process_noise_m2_per_s3: 1e-4,
     process_noise_dvl_m2_per_s3: 1e-2,
     sigma_velocity0_mps: 1.0,
+    sigma_odometry_scale: 1e-3,
+    sigma_gyro_bias_radps: 0.0,
     sigma_range_m: 1.0,
     gate_sigmas: 6.0,
     clock: uwcoop_core::navigator::clock::ClockOptions::NONE,

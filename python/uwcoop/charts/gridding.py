@@ -16,6 +16,7 @@ import numpy as np
 
 from uwcoop.charts.alignment import Alignment, align_segments, segments_of
 from uwcoop.charts.chart import Chart
+from uwcoop.charts.new_day import new_day_residuals
 from uwcoop.charts.raster import CORRELATION_LENGTH_M, MAX_NODES, Quality, check_cell
 from uwcoop.charts.residuals import ResidualReport, leave_one_out, report
 from uwcoop.charts.slopes import slope_at
@@ -65,12 +66,15 @@ class Gridded:
     """None where the chart's quality was given and no report asked for."""
     alignment: Alignment | None
     """None where segments were left as they are."""
+    new_day: ResidualReport | None = None
+    """Of surveys that are left out of the alignment too; None unless a report of aligned surveys was asked for."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Residuals and alignment, ready for JSON, each None where there is none."""
+        """Residuals, alignment and residuals of a new day, ready for JSON, each None where there is none."""
         return {
             "residuals": None if self.residuals is None else self.residuals.as_dict(),
             "alignment": None if self.alignment is None else self.alignment.as_dict(),
+            "new_day": None if self.new_day is None else self.new_day.as_dict(),
         }
 
 
@@ -169,6 +173,12 @@ def grid_and_judge(
         residuals = report(found, slope)
     if align and residuals is not None:
         residuals = residuals.of_aligned()
+    new_day = None
+    if alignment is not None and report_residuals and soundings.surveys > 1 and soundings.survey is not None:
+        raw = (soundings.east_m, soundings.north_m, soundings.depth_m)
+        found = new_day_residuals(raw, soundings.survey, alignment, cell_m=cell_m, max_gap_m=max_gap_m)
+        new_day = report(found)
+        said.append(new_day.new_day_note)
     sigma, length = _quality(residuals, quality, said)
     asked = quality.by_slope and quality.sigma_map_m is None
     level, horizontal = _by_slope(residuals, slope, said) if asked else (0.0, 0.0)
@@ -188,7 +198,7 @@ def grid_and_judge(
         horizontal_error_m=horizontal,
         level_sigma_m=level,
     )
-    return Gridded(chart, residuals, alignment)
+    return Gridded(chart, residuals, alignment, new_day)
 
 
 def _grid(

@@ -97,6 +97,15 @@ class ResidualReport:
         them share, so the correlation length is not taken as shorter than is usual."""
         return replace(self, correlation_length_m=max(self.correlation_length_m, CORRELATION_LENGTH_M))
 
+    @property
+    def new_day_note(self) -> str:
+        """One sentence about a day that was not aligned; its datum is a state of navigators."""
+        return (
+            f"a new day, whose track is not aligned: soundings about its own datum {self.own_datum_robust_sd_m:.2g} m "
+            f"(robust), datum {self.datum_sd_m or 0.0:.2g} m, correlation length {self.correlation_length_m:g} m, "
+            f"from {self.count:,} residuals {self.how}"
+        )
+
     def notes(self) -> tuple[str, ...]:
         """One sentence for each of the two proposals."""
         length = (

@@ -129,3 +129,21 @@ def spatial() -> Any:
     except ImportError as error:
         raise MissingDependencyError("scipy", "maps") from error
     return spatial
+
+
+_HUBER_SDS = 1.345
+_MEAN_ROUNDS = 20
+
+
+def robust_mean(values: Values, weights: Values) -> Values:
+    """Huber's mean of values (K, D) on each axis, weighted (K,); those far from most count less."""
+    centre = np.average(values, axis=0, weights=weights)
+    for _ in range(_MEAN_ROUNDS):
+        off = np.abs(values - centre)
+        scale = np.maximum(np.median(off, axis=0) * 1.4826, 1e-9) * _HUBER_SDS
+        share = weights[:, None] * np.minimum(1.0, scale / np.maximum(off, 1e-12))
+        moved = (share * values).sum(axis=0) / share.sum(axis=0)
+        if np.abs(moved - centre).max() < 1e-6:
+            break
+        centre = moved
+    return np.asarray(centre)

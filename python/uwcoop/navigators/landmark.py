@@ -88,6 +88,9 @@ class LandmarkOptions(ExchangeOptions, method="landmark"):
 
     use_fixes: bool = FROM_CORE
     """Mutual positioning and exchanges; without, dead reckoning."""
+    fix_correlation_s: float = FROM_CORE
+    """Errors of positionings by one landmark last so long: each of those that follow each other within it counts less. 0:
+    each has an error of its own."""
     particles: int = FROM_CORE
     """Particles while a Gaussian does not describe the posterior; 0: always a Gaussian."""
     resample_share: float = FROM_CORE

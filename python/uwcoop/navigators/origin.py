@@ -35,6 +35,11 @@ class OriginOptions(NavigatorOptions, method="deif"):
     """The same of a vehicle with a DVL. It must allow for turns; the DVL bounds the velocity."""
     sigma_velocity0_mps: float = FROM_CORE
     """Prior of the velocity per axis."""
+    sigma_odometry_scale: float = FROM_CORE
+    """Prior of the scale error of odometry."""
+    sigma_gyro_bias_radps: float = FROM_CORE
+    """Prior of the constant error of the gyro behind the yaw changes of odometry. `mdeif` estimates it; in the others
+    and in packets the variance of the heading grows by it."""
     sigma_range_m: float = FROM_CORE
     """Of a slant range."""
     gate_sigmas: float = FROM_CORE
@@ -47,6 +52,16 @@ class OriginOptions(NavigatorOptions, method="deif"):
 class MdeifOptions(OriginOptions, method="mdeif"):
     """Options of `mdeif`."""
 
+    sigma_range_bias_m: float = FROM_CORE
+    """Prior of the constant error of all ranges to one teammate or beacon, which is then estimated; 0: none."""
+    sigma_range_drift_m: float = FROM_CORE
+    """Standard deviation of a slowly changing error of these ranges (Gauss-Markov), which is then estimated; 0: none."""
+    range_drift_s: float = FROM_CORE
+    """Time in which the correlation of the changing error falls to 1/e."""
+    noise_scale_max: float = FROM_CORE
+    """Sigmas of ranges and of the own motion may grow to so many times the stated ones, as innovations show; 1: off."""
+    noise_scale_rate: float = FROM_CORE
+    """Share of one range in that scale."""
     packet_form: PacketForm = FROM_CORE
     """Form of a broadcast: float64 for studies, or quantised for a frame of so many bytes. Follows `acoustics.packet`."""
     exact_lags: int = FROM_CORE

@@ -160,6 +160,20 @@ impl Joint {
         self.covariance.fixed_view_mut::<NODE, NODE>(at, at).copy_from(&own);
     }
 
+    /// Moves one node by another: x ← x + M y. Cross-covariances follow.
+    pub fn couple(&mut self, node: usize, by: usize, matrix: &NodeMatrix) {
+        let moved = self.node_mean(node) + matrix * self.node_mean(by);
+        self.mean.fixed_rows_mut::<NODE>(node * NODE).copy_from(&moved);
+        let rows = matrix * self.covariance.fixed_rows::<NODE>(by * NODE);
+        let mut into = self.covariance.fixed_rows_mut::<NODE>(node * NODE);
+        into += rows;
+        let columns = self.covariance.fixed_columns::<NODE>(by * NODE) * matrix.transpose();
+        let mut into = self.covariance.fixed_columns_mut::<NODE>(node * NODE);
+        into += columns;
+        let own = super::symmetrized(&self.block(node, node));
+        self.covariance.fixed_view_mut::<NODE, NODE>(node * NODE, node * NODE).copy_from(&own);
+    }
+
     /// What a measurement with derivative H (a sum of terms), predicted value `predicted` and noise R tells; `None`
     /// when H Σ Hᵀ + R is not positive definite.
     #[must_use]

@@ -11,6 +11,7 @@ use uwcoop_core::navigator::landmark::{BiasModelAverage, Landmark, LandmarkPaper
 use uwcoop_core::navigator::origin::belief::{BeliefNavigator, BeliefOptions, Correlation};
 use uwcoop_core::navigator::origin::deif::{Deif, Repair};
 use uwcoop_core::navigator::origin::interleaved::{Interleaved, InterleavedOptions};
+use uwcoop_core::navigator::origin::lasting::LastingOptions;
 use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::navigator::team::TeamOptions;
@@ -52,6 +53,8 @@ const LOCAL: LocalOptions = LocalOptions {
     process_noise_m2_per_s3: 1e-4,
     process_noise_dvl_m2_per_s3: 1e-2,
     sigma_velocity0_mps: 1.0,
+    sigma_odometry_scale: 1e-3,
+    sigma_gyro_bias_radps: 0.0,
     sigma_range_m: 1.0,
     gate_sigmas: 6.0,
     clock: uwcoop_core::navigator::clock::ClockOptions::NONE,
@@ -112,7 +115,8 @@ fn graphs() -> Vec<Entry> {
     let mdeif = |name, form| {
         entry(name, 1, move |own| {
             let methods = Methods { joint: true, lags: 6, equation_6: true, loss_max: 1e-4 };
-            let options = MdeifOptions { local: LOCAL, form, exact_lags: 2, methods };
+            let options =
+                MdeifOptions { local: LOCAL, lasting: LastingOptions::NONE, form, exact_lags: 2, methods };
             Mdeif::new(own, &[form != GraphForm::Frame32, true], options, SOUND_SPEED_MPS).unwrap()
         })
     };

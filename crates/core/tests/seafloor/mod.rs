@@ -54,6 +54,7 @@ pub fn robust_options() -> LandmarkOptions {
     LandmarkOptions {
         acoustics: acoustics(),
         outliers: Some((0.05, [60.0, TAU, TAU])),
+        fix_correlation_s: 0.0,
         use_fixes: true,
         particles: 500,
         resample_share: 0.5,

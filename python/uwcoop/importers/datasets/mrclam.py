@@ -23,6 +23,7 @@ from uwcoop.evaluation.pose_tracks import true_yaw_rad
 from uwcoop.frames import turned, wrap_angle
 from uwcoop.importers.bounded import refuse_array, refused
 from uwcoop.importers.datasets.mrclam_files import Robot, read_data_set
+from uwcoop.importers.datasets.mrclam_standing import Standing, longest, span
 from uwcoop.missionlog.model import Columns, MissionLog, event_columns
 from uwcoop.missionlog.validate import validate
 from uwcoop.scenario.base import NonNegative, Positive, Probability, Table
@@ -41,8 +42,6 @@ _VALUES_PER_SAMPLE = 30
 """So many numbers are held for each sample of a robot, truth and intermediate results included."""
 ROOM_M = 15.0
 """Where a range that is an outlier may lie: the arena's size."""
-STILL = (1e-9, 1e-9)
-"""Below these speeds, m/s and rad/s, a robot is at rest."""
 FRAME_SIGMA_M, FRAME_SIGMA_RAD = 1e-3, 1e-4
 """The landmark's pose is the frame: certain, but never singular."""
 
@@ -50,7 +49,8 @@ FRAME_SIGMA_M, FRAME_SIGMA_RAD = 1e-3, 1e-4
 class MrclamOptions(Table):
     """How a data set becomes a mission. Sigmas are what its residuals show over five robots and 750 s of data set 6."""
 
-    landmark: Annotated[int, Field(ge=1, le=5)] = 1
+    landmark: Annotated[int, Field(ge=1, le=5)] | None = None
+    """None: the robot that stands still for the longest time while it sees others or is seen."""
     movers: Annotated[tuple[Annotated[int, Field(ge=1, le=5)], ...], Field(strict=False)] = ()
     """Empty: every other robot that the landmark sees or is seen by in the mission's time."""
     start_s: NonNegative | None = None
@@ -71,6 +71,12 @@ class MrclamOptions(Table):
     """White, each sample at 5 Hz: 2.3 deg/sqrt(s)."""
     range_sigma_m: Positive = 0.2
     bearing_sigma_deg: Positive = 2.0
+    fix_correlation_s: NonNegative = 5.0
+    """A camera's error in range stays while it looks at the same robot: up to 0.37 m for 60 s."""
+    odometry_scale_sigma: NonNegative = 0.15
+    """Of an odometer's scale, a state of `landmark`: over 10 s it is 4 to 8 % too long, with a sigma of 10 % more."""
+    gyro_bias_sigma_degps: NonNegative = 0.3
+    """Of the turn rate's constant error, a state of `landmark`."""
     settle_s: NonNegative = 10.0
     """Errors count from here on."""
 
@@ -93,29 +99,22 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
     except ValidationError as error:
         raise LogError(one_line(error, options, "mrclam")) from None
     robots, barcode_of = read_data_set(path)
-    if chosen.landmark not in robots:
-        raise LogError(f"mrclam {path}: has no robot {chosen.landmark}")
-    landmark = robots[chosen.landmark]
-    start_s, end_s = _span(landmark, chosen, f"mrclam {path}")
-    seen = {
-        r: _sightings(robots, barcode_of, chosen.landmark, r, (start_s, end_s))
-        for r in robots
-        if r != chosen.landmark
-    }
+    standing, notes = _standing(robots, barcode_of, chosen, f"mrclam {path}")
+    number, start_s, end_s = standing.robot, standing.start_s, standing.end_s
+    landmark = robots[number]
+    seen = _seen(robots, barcode_of, standing)
     movers = chosen.movers or tuple(r for r, (own, peer) in seen.items() if len(own) + len(peer))
     for mover in movers:
         if mover not in seen:
             raise LogError(f"mrclam {path}: robot {mover} is the landmark or missing: it cannot be a mover")
     if not movers:
-        raise LogError(
-            f"mrclam {path}: robot {chosen.landmark} and the others do not see each other in this time"
-        )
+        raise LogError(f"mrclam {path}: robot {number} and the others do not see each other in this time")
     with refused(LogError, f"mrclam {path}"):
         samples = math.floor((end_s - start_s) * RATE_HZ)
         refuse_array("a mission", (1 + len(movers), samples, _VALUES_PER_SAMPLE), 8)
     times_s = start_s + np.arange(math.floor((end_s - start_s) * RATE_HZ) + 1) / RATE_HZ
     frame = _pose(landmark, np.array([start_s]))[0]
-    team = (chosen.landmark, *movers)
+    team = (number, *movers)
     poses = np.stack([_in_frame(frame, _pose(robots[r], times_s)) for r in team])
     poses[0] = 0.0  # it stands, also where its recording of the truth ends before it does
     log = MissionLog(
@@ -127,36 +126,37 @@ def read_mrclam(folder: str | Path, seed: int = 0, **options: Any) -> MissionLog
         events=_events(chosen, seed, [robots[r] for r in team], [seen[r] for r in movers], times_s, poses),
         setup=_setup(chosen),
         truth=_truth([f"R{r}" for r in team], poses),
+        notes=notes,
     )
     validate(log)
     return log
 
 
-def _span(landmark: Robot, options: MrclamOptions, where: str) -> tuple[float, float]:
-    """When the mission begins and ends, in the data set's time."""
-    table = landmark.odometry
-    first, last = float(table[0, 0]), float(table[-1, 0])
-    still = (np.abs(table[:, 1]) < STILL[0]) & (np.abs(table[:, 2]) < STILL[1])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
-    begins = table[edges[::2], 0]
-    ends = table[np.minimum(edges[1::2], len(table) - 1), 0]
-    if not begins.size:
-        raise LogError(f"{where}: robot {options.landmark} never stands still: it cannot be the landmark")
-    if options.start_s is None:
-        k = int(np.argmax(ends - begins))
-        start_s = float(begins[k])
-    else:
-        start_s = first + options.start_s
-        k = int(np.searchsorted(begins, start_s, side="right")) - 1
-    stands_until = float(ends[k]) if k >= 0 and begins[k] <= start_s <= ends[k] else start_s
-    end_s = stands_until if options.duration_s is None else start_s + options.duration_s
-    if end_s > stands_until or end_s > last or end_s - start_s < 1:
-        raise LogError(
-            f"{where}: robot {options.landmark} stands still from {start_s - first:.1f} s to "
-            f"{stands_until - first:.1f} s, the mission would last until {end_s - first:.1f} s: "
-            "must be within, and a second at least"
-        )
-    return start_s, end_s
+def _standing(
+    robots: dict[int, Robot], barcode_of: dict[int, int], options: MrclamOptions, where: str
+) -> tuple[Standing, tuple[str, ...]]:
+    """The landmark and its time at rest, and what was assumed."""
+    asked = (options.start_s, options.duration_s)
+    if options.landmark is not None:
+        if options.landmark not in robots:
+            raise LogError(f"{where}: has no robot {options.landmark}")
+        return span(options.landmark, robots[options.landmark], *asked, where), ()
+
+    def sees(one: Standing) -> bool:
+        return any(len(own) + len(peer) for own, peer in _seen(robots, barcode_of, one).values())
+
+    best, note = longest(robots, *asked, options.settle_s, sees, where)
+    return best, (note,)
+
+
+def _seen(
+    robots: dict[int, Robot], barcode_of: dict[int, int], standing: Standing
+) -> dict[int, tuple[Array, Array]]:
+    """Sightings between the landmark and each other robot while it stands."""
+    during = (standing.start_s, standing.end_s)
+    return {
+        r: _sightings(robots, barcode_of, standing.robot, r, during) for r in robots if r != standing.robot
+    }
 
 
 def _sightings(
@@ -297,9 +297,18 @@ def _setup(options: MrclamOptions) -> MissionSetup:
                 "sigma_velocity_constant_mps": options.velocity_sigma_mps,
                 "sigma_velocity_root": 0.0,
                 "sigma_yaw_rate_degps": options.turn_rate_sigma_degps,
-            }
+            },
+            "landmark": {"fix_correlation_s": options.fix_correlation_s, **_bias_states(options)},
         },
     })  # fmt: skip
+
+
+def _bias_states(options: MrclamOptions) -> dict[str, Any]:
+    """Priors of what odometers and gyros have wrong, where there are any."""
+    scale, gyro_degps = options.odometry_scale_sigma, options.gyro_bias_sigma_degps
+    if not (scale > 0 or gyro_degps > 0):
+        return {}
+    return {"bias_states": True, "sigma_dvl_scale0": scale, "sigma_gyro_bias0_degps": gyro_degps}
 
 
 def _link() -> Link:

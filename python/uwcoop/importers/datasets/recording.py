@@ -33,6 +33,8 @@ SPEED_MPS = 1500.0
 """A range becomes a travel time at this speed, whatever it was measured with; it ends when the range was measured."""
 LONGEST_S, FARTHEST_M = 7 * 86_400.0, 100_000.0
 """Times, since the start, and ranges beyond these are damage."""
+HEADING_KNOWN_RAD = 0.35
+"""With a larger sigma of the heading at the start, `mdeif` alone runs: it has hypotheses."""
 NAVIGATORS = ("local-only", "cekf", "mdeif", "nekf", "interleaved", "covariance-intersection")
 
 
@@ -59,13 +61,31 @@ class Options(Table):
     """The part that grows with its length, along the track; across the track a third of it."""
     sigma_yaw_rad: NonNegative
     """Of each change of yaw."""
+    sigma_range_bias_share: NonNegative = 1.0
+    """Prior of the constant error of a beacon's ranges, as a share of `sigma_range_m`; estimated by `mdeif`. 0: none."""
+    sigma_range_drift_share: NonNegative = 1.25
+    """The same of the error that changes slowly, for signals close in time come by the same way. 0: none."""
+    range_drift_s: Positive = 30.0
+    """Time in which the correlation of that error falls to 1/e."""
+    late_share: Annotated[float, Field(ge=0, le=0.9)] = 0.05
+    """Share of ranges that come late by a longer way."""
+    lateness_share: Positive = 5.0
+    """Their mean lateness, as a multiple of `sigma_range_m`."""
+    noise_scale_max: Annotated[float, Field(ge=1, le=10)] = 3.0
+    """Noise may grow to so many times what is stated, as innovations show; `mdeif` only. 1: as stated."""
+    sigma_odometry_scale: Positive = 1e-3
+    """Prior of the scale of odometry."""
+    sigma_gyro_bias_radps: NonNegative = 0.0
+    """Prior of the drift rate of the yaw that is integrated."""
 
 
 class PyfgOptions(Options):
     """Of factor graphs: the values found on the GOATS runs, whose files state guesses."""
 
     sigma_range_m: Positive = 4.0
-    sigma_beacon_m: Positive = 3.0
+    sigma_beacon_m: Positive = 5.0
+    range_drift_s: Positive = 5.0
+    """Poses, which stand a second apart in the mission: 30 to 40 s of these runs."""
     sigma_odometry_m: NonNegative = 0.4
     sigma_odometry_share: NonNegative = 0.0
     sigma_yaw_rad: NonNegative = 1e-4
@@ -75,9 +95,11 @@ class PyfgOptions(Options):
 
 
 class PlazaOptions(Options):
-    """Of the Plaza files: a gyro that hardly drifts, an odometer that slips, ranges that read up to 5 m long."""
+    """Of the Plaza files: a gyro that hardly drifts, an odometer that slips, ranges that read up to 5 m long. No heading
+    is measured: the file's is that of the truth."""
 
     sigma_range_m: Positive = 3.0
+    sigma_start_yaw_rad: Annotated[float, Field(gt=0, le=4)] = 3.2
     gate_sigmas: Positive = 6.0
     sigma_beacon_m: Positive = 0.01
     sigma_odometry_m: NonNegative = 0.01
@@ -152,6 +174,7 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
     slots, opportunities = _signals(found.range_s[used], sender, found.range_m[used])
     end_s = float(np.ceil(max(found.odometry_s[-1], opportunities["toa_ns"].max() / 1e9, found.truth_s[-1])))
     modem = MODEMS["unlimited"]
+    navigators = NAVIGATORS if options.sigma_start_yaw_rad <= HEADING_KNOWN_RAD else ("mdeif",)
     return MissionLog(
         name=found.name,
         seed=0,
@@ -166,15 +189,46 @@ def mission_of(found: Recording, options: Options) -> MissionLog:
                 "name": found.name,
                 "recording": options.model_dump(mode="json"),
                 "metrics": {"settle_s": 0.0},
-                "navigators": list(NAVIGATORS),
+                "navigators": list(navigators),
                 "vehicles": [{"name": name, "fuses_ranges": name == found.vehicle} for name in vehicles],
-                "navigator": {
-                    "all": {"sigma_range_m": options.sigma_range_m, "gate_sigmas": options.gate_sigmas}
-                },
+                "navigator": _navigator_options(options),
             }
         ),
         truth=_truth(found, beacons),
+        notes=_notes(found, options),
     )
+
+
+def _notes(found: Recording, options: Options) -> tuple[str, ...]:
+    """What was assumed."""
+    if options.sigma_start_yaw_rad <= HEADING_KNOWN_RAD:
+        return ()
+    return (
+        f"heading at the start: not measured (sigma {options.sigma_start_yaw_rad:g} rad): only mdeif has hypotheses "
+        "for it; recording.sigma_start_yaw_rad states one that is known",
+    )
+
+
+def _navigator_options(options: Options) -> dict[str, dict[str, Any]]:
+    """What navigators are told of ranges and odometry."""
+    sigma_m = options.sigma_range_m
+    lasting = {
+        "sigma_range_bias_m": options.sigma_range_bias_share * sigma_m,
+        "sigma_range_drift_m": options.sigma_range_drift_share * sigma_m,
+        "noise_scale_max": options.noise_scale_max,
+    }
+    if options.sigma_range_drift_share > 0:
+        lasting["range_drift_s"] = options.range_drift_s
+    return {
+        "all": {
+            "sigma_range_m": sigma_m,
+            "gate_sigmas": options.gate_sigmas,
+            "sigma_odometry_scale": options.sigma_odometry_scale,
+            "sigma_gyro_bias_radps": options.sigma_gyro_bias_radps,
+            "clock": {"late_share": options.late_share, "lateness_m": options.lateness_share * sigma_m},
+        },
+        "mdeif": lasting,
+    }
 
 
 def _ascending(t_ns: Integers) -> Integers:

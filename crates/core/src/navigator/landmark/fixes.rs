@@ -3,14 +3,17 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::joint::{Channels, Correction};
-use super::model::{Measurement, offsets};
+use super::model::{Acoustics, Measurement, offsets};
 use super::odometry::Increment;
 use super::particles::JointParticles;
 use super::pose_algebra::{at_transmit, seen};
 use super::robust::{Landmark, LandmarkState};
-use crate::event::VehicleId;
+use crate::event::{VehicleId, seconds};
 use crate::navigator::Outcome;
 use crate::random::Purpose;
+
+/// Positionings closer in time are one, s.
+const SHORTEST_S: f64 = 1e-3;
 
 impl Landmark {
     pub(super) fn positioning(
@@ -24,6 +27,7 @@ impl Landmark {
         }
         self.settle();
         let delay = self.state.odometer.since_ns(transmit_ns);
+        let acoustics = self.acoustics_of(peer);
         let placed = seen(measured, self.options.acoustics.sigma, &delay, &self.state.joint.bias());
         if self.state.role_exchange.landmark != Some(peer)
             && let Some(outcome) = self.change_landmark(peer, placed)
@@ -35,8 +39,8 @@ impl Landmark {
         let at = at_transmit(joint.seen(), &delay, &joint.bias());
         self.state.counts.offsets = offsets(joint.seen(), at, [0.0; 3], measured);
         let outcome = match self.state.scatter {
-            Some(_) => self.weigh(measured, &delay),
-            None => self.correct(measured, &delay, placed.as_ref()),
+            Some(_) => self.weigh(measured, &delay, &acoustics),
+            None => self.correct(measured, &delay, placed.as_ref(), &acoustics),
         };
         if let (Some((pose, covariance)), Some(rule)) = (placed, self.options.consensus) {
             self.state.consensus.push(pose, covariance, &rule);
@@ -51,6 +55,20 @@ impl Landmark {
             }
         }
         outcome
+    }
+
+    /// The channels' sigmas for a positioning by `peer` now. Where its errors last, those of positionings that follow each
+    /// other are one and the same: each counts as one of n = 2 τ/Δt that repeat it.
+    fn acoustics_of(&mut self, peer: VehicleId) -> Acoustics {
+        let mut acoustics = self.options.acoustics;
+        let Some(now_ns) = self.state.odometer.now_ns() else { return acoustics };
+        let last = self.state.last_fix.replace((peer, now_ns));
+        if let Some((_, last_ns)) = last.filter(|(by, _)| *by == peer) {
+            let since_s = seconds(now_ns.saturating_sub(last_ns)).max(SHORTEST_S);
+            let repeats = (2.0 * self.options.fix_correlation_s / since_s).max(1.0);
+            acoustics.sigma = acoustics.sigma.map(|sigma| sigma * repeats.sqrt());
+        }
+        acoustics
     }
 
     /// Another landmark answers: take up the packet about it, or place it as seen from here.
@@ -120,8 +138,9 @@ impl Landmark {
         measured: &Measurement,
         delay: &Increment,
         placed: Option<&(Vector3<f64>, Matrix3<f64>)>,
+        acoustics: &Acoustics,
     ) -> Outcome {
-        let (sigma, outliers) = (self.options.acoustics.sigma, self.options.outliers);
+        let (sigma, outliers) = (acoustics.sigma, self.options.outliers);
         let channels = Channels { sigma, outliers };
         let before = self.state.joint.clone();
         let correction = self.state.joint.correct(measured, delay, &channels);
@@ -164,11 +183,16 @@ impl Landmark {
     }
 
     /// The particles' update.
-    pub(super) fn weigh(&mut self, measured: &Measurement, delay: &Increment) -> Outcome {
-        let (acoustics, gate) = (self.options.acoustics, self.options.gate());
+    pub(super) fn weigh(
+        &mut self,
+        measured: &Measurement,
+        delay: &Increment,
+        acoustics: &Acoustics,
+    ) -> Outcome {
+        let gate = self.options.gate();
         let (jitter, draw) = (self.stream(Purpose::Jitter), self.stream(Purpose::Resample));
         let Some(scatter) = &mut self.state.scatter else { return Outcome::Noted };
-        if !scatter.weigh(measured, delay, &acoustics, &gate) {
+        if !scatter.weigh(measured, delay, acoustics, &gate) {
             return self.gated();
         }
         if scatter.ess() < self.options.resample_share * scatter.states.len() as f64 {

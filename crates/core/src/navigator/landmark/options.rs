@@ -16,6 +16,8 @@ pub struct LandmarkOptions {
     pub acoustics: Acoustics,
     /// ε and the widths of the outliers' densities; `None`: no outliers, every measurement has full weight.
     pub outliers: Option<(f64, [f64; 3])>,
+    /// For so long the errors of positionings by one landmark last, s; 0: each has its own.
+    pub fix_correlation_s: f64,
     /// Whether acoustic fixes are used at all; without, this is dead reckoning.
     pub use_fixes: bool,
     /// Particles while a Gaussian does not do; 0: never.
@@ -82,6 +84,7 @@ impl LandmarkOptions {
         let [gyro_radps, scale, misalignment_rad] = self.bias_sigma;
         let [landing_m, landing_rad] = self.landing_sigma;
         let mut values = vec![
+            ("fix_correlation_s", self.fix_correlation_s),
             ("resample_share", self.resample_share),
             ("roughening", self.roughening),
             ("bend_sigmas", self.bend_sigmas),

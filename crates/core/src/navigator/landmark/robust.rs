@@ -63,6 +63,8 @@ pub(super) struct LandmarkState {
     pub(super) pending: Option<(VehicleId, Pair)>,
     pub(super) consensus: Consensus,
     pub(super) jumps: JumpHypotheses,
+    /// Landmark and time of the last positioning, ns.
+    pub(super) last_fix: Option<(VehicleId, i64)>,
     /// Logarithm of the predictive density of the measurements.
     pub(super) log_evidence: f64,
     pub(super) step: u32,
@@ -98,6 +100,7 @@ impl Landmark {
             pending: None,
             consensus: Consensus::default(),
             jumps: JumpHypotheses::default(),
+            last_fix: None,
             log_evidence: 0.0,
             step: 0,
             counts: Counts::default(),

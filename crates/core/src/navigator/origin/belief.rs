@@ -203,6 +203,7 @@ impl Navigator for BeliefNavigator {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_local_event(event, self.own, self.core.last_ns)?;
         self.core.radio.check_sender(&event.payload)?;
+        self.core.graph.check_heading(ALONE, &event.payload)?;
         self.innovation = LastInnovation::default();
         self.core.last_ns = Some(event.t_ns);
         Ok(match &event.payload {

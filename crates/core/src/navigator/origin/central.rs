@@ -143,6 +143,7 @@ impl CentralEstimator for Cekf {
     fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error> {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;
+        self.core.graph.check_heading(own, &event.payload)?;
         self.core.last_ns[own] = Some(event.t_ns);
         self.core.graph.innovation = LastInnovation::default();
         Ok(match event.payload {
@@ -293,6 +294,7 @@ impl CentralEstimator for Received {
     fn handle(&mut self, vehicle: VehicleId, event: &Event) -> Result<Outcome, Error> {
         let own = self.options.known(vehicle)?;
         self.options.check(vehicle, event, self.core.last_ns[own])?;
+        self.core.graphs[own].check_heading(own, &event.payload)?;
         self.core.last_ns[own] = Some(event.t_ns);
         self.last_own = own;
         self.core.graphs[own].innovation = LastInnovation::default();

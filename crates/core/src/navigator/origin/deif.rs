@@ -9,6 +9,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::joint_filter::{JointFilter, PeerUpdate};
+use super::lasting::LastingOptions;
 use super::local::estimate;
 use super::local_options::LocalOptions;
 use super::range::Range;
@@ -89,7 +90,7 @@ impl Deif {
         let core = DeifState {
             server: Server::new(options, &vec![false; ranging.len()], 1)?,
             delivered: None,
-            joint_filter: JointFilter::new(options, ranging.len()),
+            joint_filter: JointFilter::new(options, LastingOptions::NONE, ranging.len()),
             peers: ranging.iter().map(|_| peer()).collect(),
             rejected: 0,
             missed: 0,
@@ -254,6 +255,7 @@ impl Deif {
 impl Navigator for Deif {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_local_event(event, self.own, self.core.server.filter.now_ns)?;
+        self.core.server.filter.odometer.check_heading(&event.payload)?;
         self.core.joint_filter.innovation = LastInnovation::default();
         match &event.payload {
             Payload::Reception { sender, .. } if *sender == self.own => {

@@ -7,6 +7,7 @@ use super::local_options::LocalOptions;
 use super::odometry::{Odometer, OdometryStep, drift};
 use super::range::Range;
 use super::sensors::{FixGate, Half, Linear, SensorReading, Sensors};
+use crate::error::Error;
 use crate::event::{Payload, VehicleId, seconds};
 use crate::information::{Gaussian, Joint, NODE};
 use crate::navigator::{Estimate, LastInnovation, Outcome};
@@ -81,6 +82,14 @@ impl Graph {
     #[must_use]
     pub fn find(&self, node: Node) -> Option<usize> {
         self.nodes.iter().position(|n| *n == node)
+    }
+
+    /// Refuses the first odometry of a vehicle whose heading is not known.
+    ///
+    /// # Errors
+    /// [`Error::OutOfBound`].
+    pub fn check_heading(&self, vehicle: usize, payload: &Payload) -> Result<(), Error> {
+        self.members.get(vehicle).map_or(Ok(()), |member| member.odometer.check_heading(payload))
     }
 
     /// How many nodes there are.
@@ -167,7 +176,7 @@ impl Graph {
         self.advance(vehicle, t_ns);
         if matches!(payload, Payload::Odometry { .. }) {
             return self
-                .step(vehicle, payload)
+                .step(vehicle, t_ns, payload)
                 .map_or(nothing, |step| (Outcome::Fused, NodeChange::Moved(step)));
         }
         match self.members[vehicle].sensors.read(t_ns, payload) {
@@ -211,17 +220,18 @@ impl Graph {
     }
 
     /// Moves a vehicle by its odometry. The first odometry event replaces the velocity in the node.
-    fn step(&mut self, vehicle: usize, payload: &Payload) -> Option<OdometryStep> {
+    fn step(&mut self, vehicle: usize, t_ns: i64, payload: &Payload) -> Option<OdometryStep> {
         let node = self.find(Node::Current(vehicle as VehicleId));
         let member = &mut self.members[vehicle];
         let odometer = member.odometer;
         let fresh = if odometer.moves() {
             OdometryStep::rest()
         } else {
-            OdometryStep::begin(odometer.sigma_heading_rad())
+            OdometryStep::begin(odometer.sigma_heading_rad(), self.options.sigma_odometry_scale)
         };
         let mean = node.map(|node| fresh.transition * self.joint.node_mean(node));
-        let step = fresh.then(&member.odometer.read(payload, mean.as_ref())?);
+        let mut step = fresh.then(&member.odometer.read(payload, mean.as_ref())?);
+        step.noise[(2, 2)] += member.odometer.gyro_rad2(t_ns, self.options.sigma_gyro_bias_radps);
         self.joint.propagate(node?, &step.transition, &step.offset, &step.noise);
         Some(step)
     }

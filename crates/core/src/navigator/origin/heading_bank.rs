@@ -16,14 +16,13 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use super::mdeif::Mdeif;
+use super::odometry::KNOWN_RAD;
 use crate::error::Error;
 use crate::event::{Event, Payload};
 use crate::kernels::math::{exp, ln};
 use crate::navigator::snapshot::{load, save};
 use crate::navigator::{Estimate, Innovation, Navigator, Outcome, Profile, Status};
 
-/// Headings that are known better than this, rad, need no hypotheses: 20°.
-const KNOWN_RAD: f64 = 0.35;
 /// A sigma beyond this says nothing, rad: that of a uniform circle.
 const CIRCLE_RAD: f64 = 1.8;
 /// 15° apart.

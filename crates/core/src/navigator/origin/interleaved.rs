@@ -245,6 +245,7 @@ impl Navigator for Interleaved {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_local_event(event, self.own, self.core.last_ns)?;
         self.check_sender(&event.payload)?;
+        self.core.graph.check_heading(ALONE, &event.payload)?;
         self.core.last_ns = Some(event.t_ns);
         Ok(match &event.payload {
             Payload::Reception { sender, tol_ns, toa_ns, bytes } => {

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use serde::{Deserialize, Serialize};
 
+use super::lasting::{Lasting, LastingOptions};
 use super::local::{self, Fused, predicted, start};
 use super::local_options::LocalOptions;
 use super::range::Range;
@@ -30,6 +31,8 @@ struct Moment {
     moves: bool,
     /// Node of each vehicle's newest launch that is known.
     peers: Vec<Option<usize>>,
+    /// Errors that last.
+    lasting: Lasting,
 }
 
 /// What happened to the joint.
@@ -65,6 +68,7 @@ pub enum PeerUpdate {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointFilter {
     options: LocalOptions,
+    lasting: LastingOptions,
     now: Moment,
     /// Moments before all changes at or after their time, oldest first.
     copies: VecDeque<Moment>,
@@ -80,7 +84,8 @@ impl Moment {
     fn advance(&mut self, t_ns: i64, q_m2_per_s3: f64) {
         let dt_s = seconds(t_ns.saturating_sub(self.t_ns));
         if let (Some(own), true) = (self.own, dt_s > 0.0 && !self.moves) {
-            let (f, q) = (process::transition(dt_s), process::noise(dt_s, q_m2_per_s3));
+            let (f, q) =
+                (process::transition(dt_s), process::noise(dt_s, q_m2_per_s3 * self.lasting.scale.motion));
             self.joint.propagate(own, &f, &NodeVector::zeros(), &q);
         }
         self.t_ns = self.t_ns.max(t_ns);
@@ -91,7 +96,7 @@ impl Moment {
     fn apply(
         &mut self,
         change: &Change,
-        options: &LocalOptions,
+        (options, lasting): (&LocalOptions, &LastingOptions),
         gate_sigmas: f64,
         last: &mut LastInnovation,
     ) -> Result<Outcome, Error> {
@@ -111,10 +116,12 @@ impl Moment {
                 self.moves = true;
                 let Some(own) = self.own else { return Ok(Outcome::Noted) };
                 let step = movement.step(&self.joint.node_mean(own));
-                self.joint.propagate(own, &step.transition, &step.offset, &step.noise);
+                let noise = step.noise_scaled(self.lasting.scale.motion);
+                self.joint.propagate(own, &step.transition, &step.offset, &noise);
+                self.lasting.turn(&mut self.joint, own, self.t_ns, options.sigma_gyro_bias_radps);
             }
             Change::Heard(heard) => {
-                return self.hear(heard, gate_sigmas, last);
+                return self.hear(heard, lasting, gate_sigmas, last);
             }
         }
         Ok(Outcome::Fused)
@@ -123,11 +130,12 @@ impl Moment {
     fn hear(
         &mut self,
         heard: &HeardPacket,
+        options: &LastingOptions,
         gate_sigmas: f64,
         last: &mut LastInnovation,
     ) -> Result<Outcome, Error> {
         let HeardPacket { peer, update, range } = heard;
-        let mut joint = self.joint.clone();
+        let (mut joint, mut lasting) = (self.joint.clone(), self.lasting.clone());
         let count = self.peers.len();
         let slot =
             self.peers.get_mut(usize::from(*peer)).ok_or(Error::UnknownVehicle { vehicle: *peer, count })?;
@@ -145,13 +153,20 @@ impl Moment {
             return Err(Error::NotPositiveDefinite { quantity: "a peer's node" });
         }
         if let (Some(range), Some(own)) = (range, self.own) {
-            let outcome = range.fuse_seen(&mut joint, node, own, gate_sigmas, last);
+            let error = lasting.range_error(&mut joint, usize::from(*peer), self.t_ns, options);
+            let scale = lasting.scale.range;
+            let (outcome, seen) =
+                range.fuse_with_error(&mut joint, (node, own), error, (scale, gate_sigmas), last);
+            if let Some(seen) = seen {
+                lasting.scale.learn(&seen, options);
+                self.lasting.scale = lasting.scale;
+            }
             if outcome != Outcome::Fused {
                 return Ok(outcome);
             }
         }
         *slot = Some(node);
-        self.joint = joint;
+        (self.joint, self.lasting) = (joint, lasting);
         Ok(Outcome::Fused)
     }
 }
@@ -159,16 +174,17 @@ impl Moment {
 impl JointFilter {
     /// A filter of a vehicle in a team of `vehicles`.
     #[must_use]
-    pub fn new(options: LocalOptions, vehicles: usize) -> Self {
+    pub fn new(options: LocalOptions, lasting: LastingOptions, vehicles: usize) -> Self {
         let now = Moment {
             t_ns: i64::MIN,
             joint: Joint::new(),
             own: None,
             moves: false,
             peers: vec![None; vehicles],
+            lasting: Lasting::new(vehicles),
         };
         let innovation = LastInnovation::default();
-        Self { options, now, copies: VecDeque::new(), changes: VecDeque::new(), innovation }
+        Self { options, lasting, now, copies: VecDeque::new(), changes: VecDeque::new(), innovation }
     }
 
     /// Repeats what the local filter fused at `t_ns`.
@@ -181,7 +197,8 @@ impl JointFilter {
         let mut next = self.now.clone();
         next.advance(t_ns, q);
         let copy = next.clone();
-        next.apply(&change, &self.options, f64::INFINITY, &mut LastInnovation::default())?;
+        let mut none = LastInnovation::default();
+        next.apply(&change, (&self.options, &self.lasting), f64::INFINITY, &mut none)?;
         self.remember(copy, t_ns, q, change);
         self.now = next;
         Ok(())
@@ -206,7 +223,8 @@ impl JointFilter {
     }
 
     /// Fuses a packet's node and its range at `toa_ns`, `q_m2_per_s3` being the process noise until then and since. A
-    /// range older than the window is left out. Gated: nothing has changed.
+    /// range older than the window is left out. Gated: nothing has changed but what is
+    /// known of the noise.
     ///
     /// # Errors
     /// [`Error::NotPositiveDefinite`] for a node that cannot be fused; nothing has changed then.
@@ -225,10 +243,12 @@ impl JointFilter {
             let mut next = self.now.clone();
             next.advance(toa_ns, q_m2_per_s3);
             let copy = next.clone();
-            let outcome = next.apply(&change, &self.options, gate, &mut self.innovation)?;
+            let outcome = next.apply(&change, (&self.options, &self.lasting), gate, &mut self.innovation)?;
             if outcome == Outcome::Fused {
                 self.remember(copy, toa_ns, q_m2_per_s3, change);
                 self.now = next;
+            } else {
+                self.now.lasting.scale = next.lasting.scale;
             }
             return Ok(outcome);
         }
@@ -254,7 +274,7 @@ impl JointFilter {
             let before = moment.clone();
             let gate = if index == at { self.options.gate_sigmas } else { f64::INFINITY };
             let mut last = LastInnovation::default();
-            let outcome = moment.apply(&change, &self.options, gate, &mut last)?;
+            let outcome = moment.apply(&change, (&self.options, &self.lasting), gate, &mut last)?;
             if index == at {
                 self.innovation = last;
                 rebuilt.innovation = last;
@@ -291,6 +311,12 @@ impl JointFilter {
     #[must_use]
     pub fn log_evidence(&self) -> f64 {
         self.now.joint.log_evidence()
+    }
+
+    /// Noise of the day and errors that last, each with its name in the diagnostics.
+    #[must_use]
+    pub fn lasting_by_name(&self) -> [(&'static str, f64); 4] {
+        self.now.lasting.by_name(&self.now.joint)
     }
 
     /// Nodes in the joint.

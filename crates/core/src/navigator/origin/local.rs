@@ -130,8 +130,13 @@ impl LocalFilter {
         self.advance(t_ns);
         let q_m2_per_s3 = self.sensors.process_noise_m2_per_s3(&self.options);
         let started = self.node.is_some();
-        if let Some(movement) = self.odometer.movement(payload, started) {
-            let step = self.node.map(|node| movement.step(&node.mean));
+        if let Some(movement) = self.odometer.movement(payload, started, self.options.sigma_odometry_scale) {
+            let gyro_rad2 = self.odometer.gyro_rad2(t_ns, self.options.sigma_gyro_bias_radps);
+            let step = self.node.map(|node| {
+                let mut step = movement.step(&node.mean);
+                step.noise[(2, 2)] += gyro_rad2;
+                step
+            });
             self.node = self.node.zip(step).map(|(node, step)| step.applied(&node));
             return (Outcome::Fused, Some(Fused { q_m2_per_s3, change: Change::Moved(movement), step }));
         }

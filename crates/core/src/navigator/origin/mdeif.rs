@@ -70,6 +70,7 @@ impl Mdeif {
         sound_speed_mps: f64,
     ) -> Result<Self, Error> {
         positive("sound_speed_mps", sound_speed_mps)?;
+        options.lasting.validate()?;
         if usize::from(own) >= ranging.len() {
             return Err(Error::UnknownVehicle { vehicle: own, count: ranging.len() });
         }
@@ -85,7 +86,7 @@ impl Mdeif {
         };
         let core = MdeifState {
             server: Server::new(options.local, &clients, acknowledged)?,
-            joint_filter: JointFilter::new(options.local, ranging.len()),
+            joint_filter: JointFilter::new(options.local, options.lasting, ranging.len()),
             peers: ranging.iter().map(|_| peer()).collect::<Result<_, _>>()?,
             rejected: 0,
             counts: Counts::default(),
@@ -345,6 +346,7 @@ impl Navigator for Mdeif {
             ("origin_correlation", server.origin_correlation(now_ns)),
             ("graph_nodes", server.chain().nodes().len() as f64),
         ];
-        graph.into_iter().chain(counts.by_name()).collect()
+        let day = self.core.joint_filter.lasting_by_name();
+        graph.into_iter().chain(day).chain(counts.by_name()).collect()
     }
 }

@@ -1,5 +1,6 @@
 //! Options of `mdeif`.
 
+use super::lasting::LastingOptions;
 use super::local_options::LocalOptions;
 use crate::information::replica::Methods;
 use crate::packet::graph::GraphForm;
@@ -9,6 +10,8 @@ use crate::packet::graph::GraphForm;
 pub struct MdeifOptions {
     /// Own sensors and ranges.
     pub local: LocalOptions,
+    /// Errors that last, and noise that fits the day.
+    pub lasting: LastingOptions,
     /// Layout of the packets.
     pub form: GraphForm,
     /// With how many of the last transmissions a float64 packet holds the exact joint.

@@ -5,6 +5,7 @@
 //! * [`joint_filter`]: the joint filter of the own state and each peer's newest node.
 //! * [`mdeif`], [`deif`]: the navigators.
 //! * [`belief`], [`interleaved`]: references that exchange positions instead of graphs.
+//! * [`lasting`]: errors of ranges and of a gyro that last, as states, and noise that fits the day.
 //! * [`odometry`]: vehicles with odometry; [`heading_bank`]: whose heading at the start is not known.
 //! * [`graph`], [`central`]: references that use more information than a vehicle has.
 
@@ -15,6 +16,7 @@ pub mod graph;
 pub mod heading_bank;
 pub mod interleaved;
 pub mod joint_filter;
+pub mod lasting;
 pub mod local;
 pub mod local_options;
 pub mod mdeif;

@@ -10,13 +10,14 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::event::Payload;
+use crate::error::Error;
+use crate::event::{Payload, seconds};
 use crate::information::{Gaussian, NODE, NodeMatrix, NodeVector, process};
 
-/// Prior of the heading's error, rad, where the heading comes without a sigma, and of the odometer's scale: that of a wheel
-/// or INS that is calibrated to a tenth of a percent.
+/// Prior of the heading's error, rad, where the heading comes without a sigma.
 const SIGMA_HEADING0_RAD: f64 = 0.01;
-const SIGMA_SCALE0: f64 = 1e-3;
+/// Headings that are known better than this, rad, have an error that can be linearised: 20°.
+pub const KNOWN_RAD: f64 = 0.35;
 
 /// A linearised step of a node: x ← F x + offset + N(0, noise).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,9 +39,9 @@ impl OdometryStep {
 
     /// With the first odometry: the position stays, and the priors of heading error and scale replace the velocity.
     #[must_use]
-    pub fn begin(sigma_heading_rad: f64) -> Self {
+    pub fn begin(sigma_heading_rad: f64, sigma_scale: f64) -> Self {
         let mut step = Self::rest();
-        for (entry, sigma) in [(2, sigma_heading_rad), (3, SIGMA_SCALE0)] {
+        for (entry, sigma) in [(2, sigma_heading_rad), (3, sigma_scale)] {
             step.transition[(entry, entry)] = 0.0;
             step.noise[(entry, entry)] = sigma * sigma;
         }
@@ -56,6 +57,12 @@ impl OdometryStep {
             offset: f * self.offset + next.offset,
             noise: f * self.noise * f.transpose() + next.noise,
         }
+    }
+
+    /// Q by a factor, but for the priors that a first step brings.
+    #[must_use]
+    pub fn noise_scaled(&self, factor: f64) -> NodeMatrix {
+        if factor == 1.0 || self.transition[(3, 3)] == 0.0 { self.noise } else { self.noise * factor }
     }
 
     /// One node moved.
@@ -85,15 +92,18 @@ pub struct Move {
     body_m: Vector2<f64>,
     yaw_rad: f64,
     covariance: [f64; 6],
-    /// Of the vehicle's first odometry event, which replaces the velocity in the node: sigma of its heading, rad.
-    first: Option<f64>,
+    /// Of the vehicle's first odometry event, which replaces the velocity in the node: sigmas of its heading, rad, and of
+    /// its odometer's scale.
+    first: Option<(f64, f64)>,
 }
 
 impl Move {
     /// Its step, linearised at the node's mean.
     #[must_use]
     pub fn step(&self, node: &NodeVector) -> OdometryStep {
-        let fresh = self.first.map_or_else(OdometryStep::rest, OdometryStep::begin);
+        let fresh = self
+            .first
+            .map_or_else(OdometryStep::rest, |(heading_rad, scale)| OdometryStep::begin(heading_rad, scale));
         fresh.then(&step(&self.body_m, self.yaw_rad, &self.covariance, &(fresh.transition * node)))
     }
 }
@@ -105,6 +115,8 @@ pub struct Odometer {
     /// Of the heading that yaw changes are counted from, rad; 0: it was not stated.
     sigma_rad: f64,
     moves: bool,
+    /// Of the first and of the last odometry, ns.
+    moved_ns: Option<(i64, i64)>,
 }
 
 impl Odometer {
@@ -120,13 +132,37 @@ impl Odometer {
         if self.sigma_rad > 0.0 { self.sigma_rad } else { SIGMA_HEADING0_RAD }
     }
 
+    /// Refuses the first odometry of a vehicle whose heading is not known.
+    ///
+    /// # Errors
+    /// [`Error::OutOfBound`].
+    pub fn check_heading(&self, payload: &Payload) -> Result<(), Error> {
+        if !self.moves && matches!(payload, Payload::Odometry { .. }) && self.sigma_rad > KNOWN_RAD {
+            return Err(Error::OutOfBound {
+                quantity: "sigma of the heading that odometry starts from, rad (mdeif alone can find a heading)",
+                value: self.sigma_rad,
+                bound: "at most 0.35",
+            });
+        }
+        Ok(())
+    }
+
+    /// By how much a constant error of the gyro of `sigma_radps` makes the variance of the heading grow with the odometry
+    /// at `t_ns`, rad²: σ²t² from one event to the next.
+    pub fn gyro_rad2(&mut self, t_ns: i64, sigma_radps: f64) -> f64 {
+        let (first_ns, last_ns) = self.moved_ns.unwrap_or((t_ns, t_ns));
+        self.moved_ns = Some((first_ns, t_ns));
+        let [before_s, now_s] = [last_ns, t_ns].map(|at_ns| seconds(at_ns.saturating_sub(first_ns)));
+        sigma_radps * sigma_radps * (now_s * now_s - before_s * before_s)
+    }
+
     /// As [`Odometer::read`] for a vehicle that `started`; one that has no node yet only sums up its yaw.
-    pub fn movement(&mut self, payload: &Payload, started: bool) -> Option<Move> {
+    pub fn movement(&mut self, payload: &Payload, started: bool, sigma_scale: f64) -> Option<Move> {
         match *payload {
             Payload::Odometry { displacement_m, yaw_change_rad, covariance } => {
                 let yaw_rad = self.yaw_rad?;
                 self.yaw_rad = Some(yaw_rad + yaw_change_rad);
-                let first = (!self.moves).then(|| self.sigma_heading_rad());
+                let first = (!self.moves).then(|| (self.sigma_heading_rad(), sigma_scale));
                 self.moves |= started;
                 started.then(|| Move { body_m: Vector2::from(displacement_m), yaw_rad, covariance, first })
             }

@@ -3,6 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 use serde::{Deserialize, Serialize};
 
+use super::lasting::Seen;
 use super::local_options::LocalOptions;
 use crate::error::{Error, non_negative};
 use crate::event::seconds;
@@ -130,34 +131,56 @@ impl Range {
         gate_sigmas: f64,
         last: &mut LastInnovation,
     ) -> Outcome {
+        self.fuse_with_error(joint, (sender, receiver), None, (1.0, gate_sigmas), last).0
+    }
+
+    /// As [`Range::fuse_seen`] with the node of an error that lasts, whose first two entries add to the range, and its noise
+    /// `noise_scale` times as large (variance); and what it told of the noise.
+    pub fn fuse_with_error(
+        &self,
+        joint: &mut Joint,
+        (sender, receiver): (usize, usize),
+        error: Option<usize>,
+        (noise_scale, gate_sigmas): (f64, f64),
+        last: &mut LastInnovation,
+    ) -> (Outcome, Option<Seen>) {
         let between = (joint.node_mean(receiver) - joint.node_mean(sender)).fixed_rows::<2>(0).into_owned();
         let distance_m = between.norm();
         if distance_m <= f64::MIN_POSITIVE {
-            return Outcome::Gated;
+            return (Outcome::Gated, None);
         }
         let mut observe = SMatrix::<f64, 1, NODE>::zeros();
         observe.fixed_view_mut::<1, 2>(0, 0).copy_from(&(between / distance_m).transpose());
-        let terms = [Term { node: receiver, observe }, Term { node: sender, observe: -observe }];
-        let (value, predicted) = (SVector::<f64, 1>::new(self.range_m), SVector::<f64, 1>::new(distance_m));
+        let mut terms = vec![Term { node: receiver, observe }, Term { node: sender, observe: -observe }];
+        let mut predicted_m = distance_m;
+        if let Some(node) = error {
+            predicted_m += joint.node_mean(node).fixed_rows::<2>(0).sum();
+            terms.push(Term { node, observe: [[1.0], [1.0], [0.0], [0.0]].into() });
+        }
+        let (value, predicted) = (SVector::<f64, 1>::new(self.range_m), SVector::<f64, 1>::new(predicted_m));
         let innovation = |joint: &Joint, variance_m2: f64| -> Option<Innovation<1>> {
             joint.innovation(&terms, &value, &predicted, &SMatrix::<f64, 1, 1>::new(variance_m2))
         };
-        let Some(seen) = innovation(joint, self.sigma_m * self.sigma_m) else { return Outcome::Gated };
-        last.0 = Some(RangeInnovation { value_m: seen.off[0], variance_m2: seen.covariance[(0, 0)] });
-        if seen.squared > gate_sigmas * gate_sigmas {
-            return Outcome::Gated;
+        let noise_m2 = self.sigma_m * self.sigma_m * noise_scale;
+        let Some(seen) = innovation(joint, noise_m2) else { return (Outcome::Gated, None) };
+        let variance_m2 = seen.covariance[(0, 0)];
+        last.0 = Some(RangeInnovation { value_m: seen.off[0], variance_m2 });
+        let late_share = self.late.map_or(0.0, |late| late.likelihood(seen.off[0], variance_m2).late_share);
+        let own_m2 = (observe * joint.block(receiver, receiver) * observe.transpose())[(0, 0)];
+        let told = Some(Seen {
+            squared: seen.squared,
+            on_time: 1.0 - late_share,
+            range_share: noise_m2 / variance_m2,
+            motion_share: own_m2 / variance_m2,
+        });
+        if seen.squared > gate_sigmas * gate_sigmas || late_share > LATE_LEFT_OUT {
+            return (Outcome::Gated, told);
         }
-        let late_share =
-            self.late.map_or(0.0, |late| late.likelihood(seen.off[0], seen.covariance[(0, 0)]).late_share);
-        if late_share > LATE_LEFT_OUT {
-            return Outcome::Gated;
-        }
-        let counted_m2 = self.counted_m * self.counted_m / (1.0 - late_share);
-        let counted =
-            if counted_m2 > self.sigma_m * self.sigma_m { innovation(joint, counted_m2) } else { Some(seen) };
+        let counted_m2 = self.counted_m * self.counted_m * noise_scale / (1.0 - late_share);
+        let counted = if counted_m2 > noise_m2 { innovation(joint, counted_m2) } else { Some(seen) };
         match counted {
-            Some(counted) if joint.fuse(&counted).is_ok() => Outcome::Fused,
-            _ => Outcome::Gated,
+            Some(counted) if joint.fuse(&counted).is_ok() => (Outcome::Fused, told),
+            _ => (Outcome::Gated, told),
         }
     }
 }

@@ -32,6 +32,8 @@ pub struct LandmarkSettings {
     pub exchange: ExchangeSettings,
     /// Mutual positioning and exchanges; without, dead reckoning.
     pub use_fixes: bool,
+    /// For so long the errors of positionings by one landmark last, s; 0: each has its own.
+    pub fix_correlation_s: f64,
     /// Particles while a Gaussian does not describe the belief; 0: always a Gaussian.
     pub particles: usize,
     /// Resample at this share of the particles.
@@ -90,6 +92,7 @@ impl Default for LandmarkSettings {
         Self {
             exchange: ExchangeSettings::default(),
             use_fixes: true,
+            fix_correlation_s: 0.0,
             particles: 1500,
             resample_share: 0.5,
             roughening: 0.2,
@@ -131,7 +134,8 @@ const OF_BIASES: [&str; 5] = [
     "sigma_dvl_scale0",
     "sigma_dvl_misalignment0_deg",
 ];
-const OF_FIXES: [&str; 8] = [
+const OF_FIXES: [&str; 9] = [
+    "fix_correlation_s",
     "sigma_range_m",
     "sigma_own_bearing_deg",
     "sigma_peer_bearing_deg",
@@ -151,6 +155,7 @@ impl LandmarkSettings {
             acoustics: Acoustics { sigma: exchange.sigma(), threshold: [3.0; 3] },
             outliers: (exchange.outlier_share > 0.0).then(|| (exchange.outlier_share, exchange.widths())),
             use_fixes: self.use_fixes,
+            fix_correlation_s: self.fix_correlation_s,
             particles: self.particles,
             resample_share: self.resample_share,
             roughening: self.roughening,
@@ -188,6 +193,7 @@ impl Settings for LandmarkSettings {
 
     fn bounds() -> Vec<Bounded> {
         let own = [
+            ("fix_correlation_s", Bound::NON_NEGATIVE),
             ("particles", Bound::between(0.0, 1e6, "0 or 10 to 1,000,000")),
             ("resample_share", Bound::SHARE),
             ("roughening", Bound::NON_NEGATIVE),

@@ -10,6 +10,7 @@ use crate::error::Error;
 use crate::information::replica::Methods;
 use crate::navigator::origin::deif::{Deif, Repair};
 use crate::navigator::origin::heading_bank::HeadingBank;
+use crate::navigator::origin::lasting::LastingOptions;
 use crate::navigator::origin::local_options::LocalOptions;
 use crate::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use crate::packet::graph::GraphForm;
@@ -43,12 +44,23 @@ impl From<PacketForm> for GraphForm {
 }
 
 /// Bounds of [`LocalOptions`].
-pub const LOCAL_BOUNDS: [Bounded; 5] = [
+pub const LOCAL_BOUNDS: [Bounded; 7] = [
     ("process_noise_m2_per_s3", Bound::POSITIVE),
     ("process_noise_dvl_m2_per_s3", Bound::POSITIVE),
     ("sigma_velocity0_mps", Bound::POSITIVE),
+    ("sigma_odometry_scale", Bound::POSITIVE),
+    ("sigma_gyro_bias_radps", Bound::NON_NEGATIVE),
     ("sigma_range_m", Bound::POSITIVE),
     ("gate_sigmas", Bound::POSITIVE),
+];
+
+/// Bounds of [`LastingOptions`].
+pub const LASTING_BOUNDS: [Bounded; 5] = [
+    ("sigma_range_bias_m", Bound::NON_NEGATIVE),
+    ("sigma_range_drift_m", Bound::NON_NEGATIVE),
+    ("range_drift_s", Bound::POSITIVE),
+    ("noise_scale_max", Bound::between(1.0, 10.0, "1 to 10")),
+    ("noise_scale_rate", Bound::SHARE),
 ];
 
 /// Settings of `mdeif`.
@@ -58,6 +70,9 @@ pub struct MdeifSettings {
     /// Own motion and sensors.
     #[serde(flatten)]
     pub local: LocalOptions,
+    /// Errors that last, and noise that fits the day.
+    #[serde(flatten)]
+    pub lasting: LastingOptions,
     /// Form of a broadcast. Follows `acoustics.packet`.
     pub packet_form: PacketForm,
     /// With how many of the last transmissions an f64 packet holds the exact joint.
@@ -74,6 +89,7 @@ impl Default for MdeifSettings {
     fn default() -> Self {
         Self {
             local: LocalOptions::default(),
+            lasting: LastingOptions::default(),
             packet_form: PacketForm::F64,
             exact_lags: 6,
             use_joint: true,
@@ -89,16 +105,22 @@ impl Settings for MdeifSettings {
     fn bounds() -> Vec<Bounded> {
         let own =
             [("exact_lags", Bound::between(0.0, 8.0, "0 to 8")), ("health_loss_max", Bound::NON_NEGATIVE)];
-        own.into_iter().chain(LOCAL_BOUNDS).collect()
+        own.into_iter().chain(LOCAL_BOUNDS).chain(LASTING_BOUNDS).collect()
     }
 
     fn unread(&self) -> Vec<Unread> {
-        all_unread(!self.use_equation_6, &["health_loss_max"], "use_equation_6 is false").collect()
+        let drifts = self.lasting.sigma_range_drift_m > 0.0;
+        let grows = self.lasting.noise_scale_max > 1.0;
+        all_unread(!self.use_equation_6, &["health_loss_max"], "use_equation_6 is false")
+            .chain(all_unread(!drifts, &["range_drift_s"], "sigma_range_drift_m is 0"))
+            .chain(all_unread(!grows, &["noise_scale_rate"], "noise_scale_max is 1"))
+            .collect()
     }
 
     fn make(&self, context: &Context<'_>, _chart: Option<Arc<Chart>>) -> Result<Made, Error> {
         let options = MdeifOptions {
             local: self.local,
+            lasting: self.lasting,
             form: self.packet_form.into(),
             exact_lags: self.exact_lags,
             methods: Methods {
