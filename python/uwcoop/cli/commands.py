@@ -224,6 +224,13 @@ def study(
     processes: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="At most so many at a time; else all cores.")
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Fly on the workers of a Dask scheduler, e.g. tcp://127.0.0.1:8786, or the file that it wrote.",
+        ),
+    ] = None,
     worlds: Annotated[
         str | None,
         typer.Option(
@@ -262,6 +269,7 @@ def study(
             out=output,
             resume=resume,
             processes=processes,
+            scheduler=scheduler,
             overrides=settings or (),
             first_seed=first_seed,
             keep_errors=figures,

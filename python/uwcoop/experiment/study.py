@@ -22,6 +22,7 @@ from uwcoop.evaluation.error_series import (
 )
 from uwcoop.evaluation.metrics import summary_text
 from uwcoop.experiment.named_worlds import worlds_of
+from uwcoop.experiment.study_flights import FlownSeed
 from uwcoop.experiment.study_store import STUDY_FILES, Row, StudyStore
 from uwcoop.experiment.study_variants import (
     WORLD,
@@ -32,7 +33,7 @@ from uwcoop.experiment.study_variants import (
     name_of,
     variants_of,
 )
-from uwcoop.experiment.study_workers import FlownSeed, flights
+from uwcoop.experiment.study_workers import flights
 from uwcoop.navigators import Custom
 from uwcoop.report.atomic_files import check_folder, lock_folder
 from uwcoop.report.interruption import deferred
@@ -72,6 +73,7 @@ def study(
     out: str | os.PathLike[str] | None = None,
     resume: bool = False,
     processes: int | None = None,
+    scheduler: str | None = None,
     overrides: Sequence[str] = (),
     first_seed: int = 0,
     keep_errors: bool = False,
@@ -81,7 +83,8 @@ def study(
     """Runs navigators over many missions: run k has the seed `first_seed + k`, whatever the variant.
 
     Variants that differ only in `navigator.*` or `metrics.*` fly the same mission; all are compared on the
-    same seeds. The results, run times aside, are the same for any number of processes.
+    same seeds. The results, run times aside, are the same for any number of processes, and on a cluster of machines
+    that are alike.
 
     Args:
         scenario: a scenario, or the name or path of one.
@@ -93,6 +96,7 @@ def study(
         out: folder for `runs.csv`, `study.json` and `summary.json`.
         resume: skip the missions whose rows `out` holds. Runs and values of `vary` may be added.
         processes: at most so many at a time; None: as many as there are cores. 1 works in this process.
+        scheduler: address of a Dask scheduler ("tcp://host:8786") whose workers fly instead; the extra `cluster`.
         overrides: "dotted.key=value" each, for all variants.
         first_seed: seed of the first run.
         keep_errors: keep every run's error over time, in the result and as `errors.nc` in `out`. Of a study
@@ -106,6 +110,8 @@ def study(
     """
     if runs < 1 or first_seed < 0:
         raise ScenarioError(f"runs is {runs} and first_seed {first_seed}: must be at least 1 and 0")
+    if scheduler is not None and processes is not None:
+        raise StudyError("scheduler and processes are both given: the cluster's workers fly, or this machine's")
     _refuse_secrets(overrides, vary or {})
     listed = worlds_of(worlds) if isinstance(worlds, str | Path) else list(worlds)
     variants = list(variants_of(scenario, overrides, vary or {}, listed))
@@ -134,7 +140,9 @@ def study(
         if progress:
             progress(done, total)
         try:
-            for seed, flown in flights(pending, flown_in, chosen, processes, keep_errors):
+            for seed, flown in flights(
+                pending, flown_in, chosen, processes=processes, scheduler=scheduler, keep_errors=keep_errors
+            ):
                 store.add(_labelled(flown, variants, seed, first_seed))
                 kept |= {(variants[k].label, seed): series for k, _, series in flown if series is not None}
                 done += len(flown)
