@@ -13,32 +13,17 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+from study_process import children, finished, gone, rows, study, wait_until
 
 pytest.importorskip("distributed")
 
-ROOT = Path(__file__).parents[1]
-SMALL = ("--set", "duration_s=60", "--set", "navigator.all.particles=100")
-RUNS = 24
-
-
-def study(out: Path, *more: object) -> list[str]:
-    arguments = ("study", "flat-bay", "--runs", RUNS, "-n", "dead-reckoning,mpf", *SMALL, "-o", out, *more)
-    return [sys.executable, "-m", "uwcoop", *map(str, arguments)]
-
-
-def finished(out: Path, *more: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(study(out, *more), capture_output=True, text=True, timeout=300, check=False)
-
-
-def rows(out: Path) -> list[str]:
-    """The lines of a study's table without the run time, which stands last."""
-    return [line.rpartition(",")[0] for line in (out / "runs.csv").read_text().splitlines()]
+TESTS = Path(__file__).parents[1]
 
 
 @contextmanager
 def cluster(workers: int = 2) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """The program of a cluster and its address; all of it is gone afterwards."""
-    program = [sys.executable, str(ROOT / "local_cluster.py"), str(workers)]
+    program = [sys.executable, str(TESTS / "local_cluster.py"), str(workers)]
     with subprocess.Popen(
         program, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as started:
@@ -52,14 +37,6 @@ def cluster(workers: int = 2) -> Iterator[tuple[subprocess.Popen[str], str]]:
             for pid in [started.pid, *below]:
                 with suppress(ProcessLookupError):
                     os.kill(pid, signal.SIGKILL)
-
-
-def children(pid: int) -> list[int]:
-    found: list[int] = []
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, task.read_text().split()):
-            found += [child, *children(child)]
-    return found
 
 
 def workers_of(address: str) -> list[int]:
@@ -78,27 +55,22 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def until(sign: Path, started: subprocess.Popen[str]) -> None:
-    end = time.monotonic() + 120
-    while not sign.exists() and started.poll() is None:
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
 def test_a_cluster_gives_the_same_rows_also_when_a_worker_dies(whole: Path, tmp_path: Path) -> None:
     with cluster() as (_, address):
         undisturbed = finished(tmp_path / "one", "--scheduler", address)
         assert undisturbed.returncode == 0, undisturbed.stderr
         assert rows(tmp_path / "one") == rows(whole)
-        with subprocess.Popen(study(tmp_path / "two", "--scheduler", address)) as started:
-            until(tmp_path / "two" / "runs.csv", started)
+        two = tmp_path / "two"
+        with subprocess.Popen(study(two, "--scheduler", address), stdout=subprocess.DEVNULL) as started:
+            wait_until(lambda: (two / "runs.csv").exists() or started.poll() is not None)
             os.kill(workers_of(address)[0], signal.SIGKILL)
             assert started.wait(120) == 0
-        assert rows(tmp_path / "two") == rows(whole)
+        assert rows(two) == rows(whole)
 
 
 def disturbed(address: str, out: Path, number: signal.Signals, after_s: float) -> None:
-    with subprocess.Popen(study(out, "--resume", "--scheduler", address), stderr=subprocess.PIPE) as started:
+    arguments = study(out, "--resume", "--scheduler", address)
+    with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as started:
         time.sleep(after_s)
         started.send_signal(number)
         started.communicate(timeout=60)
@@ -112,19 +84,20 @@ def check_resumed(whole: Path, out: Path, moments: int, seed: int) -> None:
             number = rng.choice([signal.SIGKILL, signal.SIGTERM])
             disturbed(address, out, number, rng.uniform(1.0, 4.0))
         with subprocess.Popen(
-            study(out, "--resume", "--scheduler", address), stderr=subprocess.PIPE, text=True
+            study(out, "--resume", "--scheduler", address),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
         ) as started:
-            until(out / "runs.csv", started)
+            wait_until(lambda: (out / "runs.csv").exists() or started.poll() is not None)
             below = children(program.pid)
+            assert below
             program.kill()
             _, err = started.communicate(timeout=120)
             assert started.returncode in (0, 2)
             if started.returncode == 2:
                 assert err.splitlines()[-1].startswith("error: the Dask scheduler at "), err
-        end = time.monotonic() + 30
-        while any(Path(f"/proc/{pid}").exists() for pid in below):
-            assert time.monotonic() < end, "workers outlive their cluster"
-            time.sleep(0.1)
+        wait_until(lambda: gone(below), 30)
     ended = finished(out, "--resume", "--processes", 1)
     assert ended.returncode == 0, ended.stderr
     assert rows(out) == rows(whole)
@@ -140,7 +113,10 @@ def test_a_study_on_a_cluster_that_is_ended_20_times_equals_the_whole(whole: Pat
 
 
 def test_no_scheduler_there_is_said_in_one_line(tmp_path: Path) -> None:
-    for address, says in (("127.0.0.1:what", "is neither tcp://HOST:PORT"), ("tcp://127.0.0.1:9", "no Dask scheduler")):
+    for address, says in (
+        ("127.0.0.1:what", "is neither tcp://HOST:PORT"),
+        ("tcp://127.0.0.1:9", "no Dask scheduler"),
+    ):
         ended = finished(tmp_path / "out", "--scheduler", address)
         assert ended.returncode == 2
         assert says in ended.stderr.splitlines()[-1], ended.stderr
