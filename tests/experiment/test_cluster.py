@@ -13,6 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import pytest
+
 from study_process import children, finished, gone, rows, study, wait_until
 
 pytest.importorskip("distributed")

@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+
 from study_process import children, finished, gone, rows, study, wait_until
 
 

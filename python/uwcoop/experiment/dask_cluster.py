@@ -49,16 +49,17 @@ def dask_cluster(plan: Plan, address: str) -> Iterator[Executor]:
 
 def _connected(address: str) -> Any:
     try:
-        from distributed import Client
+        import distributed
     except ImportError:
         raise MissingDependencyError("distributed", "cluster") from None
+    client: Any = distributed.Client
     if not address.endswith(".json") and not _ADDRESS.fullmatch(address):
         raise StudyError(f"scheduler {address!r} is neither tcp://HOST:PORT nor a scheduler's file (.json)")
     for name in ("distributed", "tornado"):  # what they would print besides, the one line of an error says
         logging.getLogger(name).setLevel(logging.CRITICAL)
     given: dict[str, Any] = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
     try:
-        return Client(**given, timeout=_CONNECT_S, set_as_default=False, name="uwcoop-study")
+        return client(**given, timeout=_CONNECT_S, set_as_default=False, name="uwcoop-study")
     except (OSError, ValueError, TimeoutError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise StudyError(f"no Dask scheduler answers at {address}: {reason}") from error
@@ -100,7 +101,9 @@ class _DaskCluster:
                 "memory? Finished missions are kept, --resume continues"
             ) from error
         except ModuleNotFoundError as error:
-            raise StudyError(f"a worker of {self._address} has no {error.name}: install uwcoop there") from error
+            raise StudyError(
+                f"a worker of {self._address} has no {error.name}: install uwcoop there"
+            ) from error
         except (CancelledError, OSError) as error:
             raise self._gone() from error
 
@@ -114,5 +117,5 @@ class _DaskCluster:
 
     def _gone(self) -> StudyError:
         return StudyError(
-            f"the Dask scheduler at {self._address} is gone: finished missions are kept, --resume continues on another one"
+            f"the Dask scheduler at {self._address} is gone: finished missions are kept, --resume continues elsewhere"
         )

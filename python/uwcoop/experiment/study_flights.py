@@ -49,7 +49,11 @@ class Plan:
 
     @staticmethod
     def of(
-        variants: Sequence[Scenario], navigators: Sequence[str | Custom], *, keep_errors: bool, flown: set[int]
+        variants: Sequence[Scenario],
+        navigators: Sequence[str | Custom],
+        *,
+        keep_errors: bool,
+        flown: set[int],
     ) -> Plan:
         """The plan with the charts of those variants that are flown, each read once.
 
@@ -111,7 +115,9 @@ def fly_checked(plan: Plan, batch: Batch) -> list[Flown]:
         StudyError: it has.
     """
     if (here := version("uwcoop")) != plan.program:
-        raise StudyError(f"a worker has uwcoop {here}, the study is of uwcoop {plan.program}: install the same")
+        raise StudyError(
+            f"a worker has uwcoop {here}, the study is of uwcoop {plan.program}: install the same"
+        )
     return fly_batch(plan, batch)
 
 
