@@ -125,7 +125,7 @@ def print_run(result: RunResult, console: Console) -> None:
     summary = result.summary
     marked = not_realisable(summary["navigators"])
     show(
-        summary_table(summary, settle_s=float(result.tracks.attrs["settle_s"]), not_realisable=marked),
+        summary_table(summary, settle_s=float(result.recorded.attrs["settle_s"]), not_realisable=marked),
         console,
     )
     for line in (*unused_lines(summary), *misfit_lines(result)):

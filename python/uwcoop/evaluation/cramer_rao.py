@@ -82,10 +82,10 @@ def bound_covariance_m2(
     Returns:
         (vehicles, samples, 3): ee, en, nn in m²; NaN before a vehicle's first fix. None without chart or truth.
     """
-    if log.chart is None or log.truth is None:
+    truth = log.known_truth
+    if log.chart is None or truth is None:
         return None
     stated = tuple(options_of(name, log.setup).stated() for name in (MODEL_OF, SHARED_OF))
-    truth = log.truth
     position = truth["position_m"].transpose("vehicle", "time", "axis").to_numpy()
     return _native.bound(
         native_chart(log.chart),

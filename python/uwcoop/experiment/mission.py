@@ -125,7 +125,7 @@ def _changed(log: MissionLog, chart: Chart | str | Path | None, overrides: Seque
     if unknown := set(told) - {"fix_sigma_m"}:
         raise ScenarioError(f"override 'log.{min(unknown)}': a log has the option log.fix_sigma_m only")
     log = with_stated_fixes(log, told.get("fix_sigma_m", FIX_SIGMA_M))
-    return replace(log, setup=log.setup.with_overrides(options)) if options else log
+    return log.with_setup(log.setup.with_overrides(options)) if options else log
 
 
 def _with_chart(log: MissionLog, chart: Chart | str | Path, reading: Sequence[str]) -> MissionLog:

@@ -7,11 +7,11 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from uwcoop import _native
 from uwcoop.acoustics.authentication import authenticator_of
@@ -22,9 +22,11 @@ from uwcoop.experiment.mission import has_happened, open_mission
 from uwcoop.experiment.navigator_choice import check_packets_fit, check_plan_fits, default_navigators
 from uwcoop.experiment.tracks import clouds_of, packets_of, sent_by, tracks_of
 from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog.labelled import Labelled
 from uwcoop.navigators import Context, Custom, PythonNavigator, build, build_central, options_of, spec_of
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import NDArray
 
     from uwcoop.charts import Chart
@@ -45,8 +47,8 @@ class RunResult:
     """What a run gives: the mission, its tracks, packets, particle clouds and the summary."""
 
     log: MissionLog
-    tracks: xr.Dataset
-    """Estimates and truth; see the reference for dimensions and units."""
+    recorded: Labelled
+    """What `tracks` is made of."""
     packets: dict[str, NDArray[Any]]
     """One row for each packet at each receiver and navigator."""
     clouds: xr.Dataset | None
@@ -59,10 +61,15 @@ class RunResult:
     unused: dict[str, dict[str, int]]
     """By navigator, how many events of each kind the team was handed that the navigator has no use for."""
 
+    @cached_property
+    def tracks(self) -> xr.Dataset:
+        """Estimates and truth; see the reference for dimensions and units."""
+        return self.recorded.to_xarray()
+
     @property
     def summary(self) -> dict[str, Any]:
         """What `summary.json` holds."""
-        summary = metrics.summarise(self.tracks, seconds=self.seconds, packets=self.packets)
+        summary = metrics.summarise(self.recorded, seconds=self.seconds, packets=self.packets)
         for name, sent in self.sent.items():
             summary["navigators"][name]["sent"] = sent
             if self.unused[name]:
@@ -122,7 +129,7 @@ def run(
     records = [replay.tracks() for replay in replays]
     return RunResult(
         log=log,
-        tracks=tracks_of(log, names, records),
+        recorded=tracks_of(log, names, records),
         packets=packets_of(records),
         clouds=clouds_of(log, names, records) if clouds else None,
         seconds=seconds,

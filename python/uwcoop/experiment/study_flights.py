@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib.metadata import version
 from typing import TYPE_CHECKING
@@ -140,10 +140,10 @@ def fly(plan: Plan, unit: Unit) -> FlownSeed:
         scenario = plan.variants[k]
         if log is None:
             log = simulate(scenario, unit.seed, _chart_of(plan, scenario))
-        own = replace(log, setup=MissionSetup.of(scenario))
+        own = log.with_setup(MissionSetup.of(scenario))
         check_plan_fits((n for n in plan.navigators if isinstance(n, str)), own)
         result = run(own, plan.navigators, clouds=False)
-        rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
+        rows = metrics.rows(result.recorded, seconds=result.seconds, packets=result.packets)
         flown.append((k, rows, error_series_of(result.tracks) if plan.keep_errors else None))
     return flown
 
