@@ -23,7 +23,10 @@ def test_it_reads_as_the_dataset_that_it_becomes(values: np.ndarray, axis: int) 
     dims = ("a", "b", "c")
     own = Labelled(
         {"x": (dims, values, {"units": "m"}), "y": ("a", values[:, 0, 0])},
-        {"a": [f"v{k}" for k in range(len(values))], "c": ("c", np.arange(values.shape[2]) + 1.0, {"units": "s"})},
+        {
+            "a": [f"v{k}" for k in range(len(values))],
+            "c": ("c", np.arange(values.shape[2]) + 1.0, {"units": "s"}),
+        },
         {"settle_s": 5.0},
     )
     data = own.to_xarray()
