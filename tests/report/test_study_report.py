@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 import shlex
@@ -113,6 +114,23 @@ def test_the_command_of_the_worst_mission_flies_it_again(
     )
     vehicles = json.loads(ended.stdout)["navigators"]["mpf"]["vehicles"]
     assert vehicles[worst[0]["vehicle"]]["rmse_m"] == worst[0]["rmse_m"]
+
+
+def test_a_mission_in_any_world_is_flown_again_by_its_command(tmp_path: Path) -> None:
+    """Worlds set tables, scale numbers and tell navigators what is not so: all of it stands in the command."""
+    result = uwcoop.study(
+        "flat-bay", 1, ["mpf"], overrides=SHORT, worlds="faults", out=tmp_path / "out", processes=1
+    )
+    assert len(result.summary["variants"]) > 8
+    _, text = page_of(tmp_path / "out")
+    shown = html.unescape(re.sub(r"</?span>", "", text))
+    commands = [shlex.split(line) for line in re.findall(r"<code>(uwcoop run .*?)</code>", shown)]
+    worst = worst_missions(result.rows, ["world"], 3)
+    assert len(commands) == len(worst)
+    for command, row in zip(commands, worst, strict=True):
+        overrides = [command[k + 1] for k, part in enumerate(command) if part == "--set"]
+        again = uwcoop.run(command[2], ["mpf"], seed=row["seed"], overrides=overrides, clouds=False)
+        assert again.summary["navigators"]["mpf"]["vehicles"][row["vehicle"]]["rmse_m"] == row["rmse_m"]
 
 
 def test_the_parquet_table_holds_the_rows_of_the_csv(done: tuple[StudyResult, Path]) -> None:

@@ -53,7 +53,12 @@ def study_report(result: StudyResult, asked: Asked, command: Callable[[int, str,
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"figure": _figure, "interval": _interval, "percent": _percent}
+    environment.filters |= {
+        "figure": _figure,
+        "interval": _interval,
+        "percent": _percent,
+        "percents": _percents,
+    }
     summary = result.summary
     variants = summary["variants"]
     navigators = list(variants[0]["navigators"])
@@ -298,8 +303,13 @@ def _percent(value: float | None) -> str:
     return "–" if value is None else f"{value:.0%}"
 
 
-def _interval(bounds: Sequence[float | None] | None, scale: float = 1.0) -> str:
+def _percents(bounds: Sequence[float | None] | None) -> str:
+    low, high = bounds or (None, None)
+    return "" if low is None or high is None else f"{100 * low:.0f} to {100 * high:.0f} %"
+
+
+def _interval(bounds: Sequence[float | None] | None) -> str:
     if bounds is None:
         return ""
-    low, high = ("∞" if bound is None else svg.number(scale * bound) for bound in bounds)
+    low, high = ("∞" if bound is None else svg.number(bound) for bound in bounds)
     return f"{low} to {high}"
