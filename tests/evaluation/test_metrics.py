@@ -272,7 +272,7 @@ def test_pool_by_hand() -> None:
     assert got["state_anees_per_dof"] is None
     assert list(got) == [
         "median_rmse_m", "rmse_m", "median_final_error_m", "p95_final_error_m", "lost_share", "anees",
-        "anees_median", "state_anees_per_dof", "yaw_rmse_deg", "depth_noise_factor", "range_noise_factor",
+        "anees_median", "inside_share", "state_anees_per_dof", "yaw_rmse_deg", "depth_noise_factor", "range_noise_factor",
         "rmse_over_bound", "rmse_over_linearised_bound",
         "packet_bytes_max", "seconds",
     ]  # fmt: skip

@@ -12,7 +12,7 @@ import pytest
 import uwcoop
 from uwcoop.errors import MissingDependencyError, ScenarioError, ScheduleError, StudyError
 from uwcoop.evaluation import metrics
-from uwcoop.experiment import study_workers
+from uwcoop.experiment import study_flights
 from uwcoop.experiment.study import StudyResult
 from uwcoop.scenario import alternatives, load
 
@@ -103,13 +103,13 @@ def test_resume_flies_only_what_is_missing(
     # The last mission was being written when the machine went down: one whole row, and half of another.
     (again / "runs.csv").write_text("".join(lines[:-5]) + lines[-5][:20], encoding="utf-8")
     flown: list[int] = []
-    fly = study_workers._fly
+    fly = study_flights.fly
 
-    def counted(seed: int, job: Any, navigators: Any) -> Any:
-        flown.extend([seed] * len(job))
-        return fly(seed, job, navigators)
+    def counted(plan: Any, unit: Any) -> Any:
+        flown.extend([unit.seed] * len(unit.variants))
+        return fly(plan, unit)
 
-    monkeypatch.setattr(study_workers, "_fly", counted)
+    monkeypatch.setattr(study_flights, "fly", counted)
     resumed = small(3, {LOSS: [0.0, 0.5]}, out=again, resume=True)
     assert flown == [2]
     assert timeless(resumed.rows) == timeless(result.rows)

@@ -19,7 +19,7 @@ def fake(**diagnostics: np.ndarray[Any, Any]) -> Any:
     for name, values in diagnostics.items():
         m.tracks[name] = (("navigator", "vehicle", "time"), np.broadcast_to(values, shape).copy())
     m.log.events["water_depth"] = {"vehicle": np.repeat(np.arange(3), 100)}
-    return SimpleNamespace(tracks=m.tracks, log=m.log)
+    return SimpleNamespace(recorded=m.tracks, log=m.log)
 
 
 def per_vehicle(*values: float) -> np.ndarray[Any, Any]:
@@ -79,7 +79,7 @@ def test_values_that_are_not_known_are_no_misfit() -> None:
 
 def test_a_mission_shorter_than_the_settling_time_says_so() -> None:
     result = fake()
-    result.tracks.attrs["settle_s"] = 150.0
+    result.recorded.attrs["settle_s"] = 150.0
     (line,) = misfit_lines(result)
     assert line.startswith("the mission lasts 150 s, not longer than metrics.settle_s, 150 s")
 

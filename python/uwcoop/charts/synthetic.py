@@ -120,7 +120,8 @@ def _spectral(
     frequency = np.hypot(np.fft.fftfreq(padded, CELL_M)[:, None], np.fft.rfftfreq(padded, CELL_M)[None, :])
     longest_m = min(longest_m, padded * CELL_M)
     band = (frequency >= (1 - 1e-9) / longest_m) & (frequency <= 1 / shortest_m)
-    amplitude = np.where(band, np.where(band, frequency, 1.0) ** -exponent, 0.0)
+    amplitude = np.zeros_like(frequency)
+    amplitude[band] = frequency[band] ** -exponent
     white = rng.standard_normal(frequency.shape) + 1j * rng.standard_normal(frequency.shape)
     field = np.fft.irfft2(amplitude * white, (padded, padded))[:nodes, :nodes]
     return np.asarray((field - field.mean()) / field.std())

@@ -224,7 +224,9 @@ def study(
     vary: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY=V1,V2", help="Values of a scenario key to compare. Repeatable: all combinations."
+            metavar="KEY=V1,V2",
+            help="Values of a scenario key to compare; linspace(a,b,n); or n drawn values, uniform(a,b)|lhs(n) (also "
+            "loguniform, integers), of all such keys together. Repeatable: all combinations.",
         ),
     ] = None,
     output: FolderOption = None,
@@ -236,6 +238,13 @@ def study(
     first_seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the first run.")] = 0,
     processes: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="At most so many at a time; else all cores.")
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Fly on the workers of a Dask scheduler, e.g. tcp://127.0.0.1:8786, or the file that it wrote.",
+        ),
     ] = None,
     worlds: Annotated[
         str | None,
@@ -255,13 +264,13 @@ def study(
     from uwcoop.experiment.mission import load_scenario
     from uwcoop.experiment.named_worlds import worlds_of
     from uwcoop.experiment.study import study as compare
+    from uwcoop.experiment.sweeps import sweep_of
     from uwcoop.report.run_folder import write_study_figures
-    from uwcoop.scenario import alternatives
     from uwcoop.world.simulate import setup_notes
 
     needs_folder(resume, output, "--resume")
     needs_folder(figures, output, "--figures")
-    varied = [alternatives(text) for text in vary or ()]
+    sweep = sweep_of(vary or ())
     listed = worlds_of(worlds) if worlds is not None else []
     with suppress(ScenarioError):  # a variant may mend it; what is wrong in all of them the study says
         for note in setup_notes(load_scenario(scenario, None, settings or ())):
@@ -271,19 +280,23 @@ def study(
             scenario,
             runs,
             names_of(navigator),
-            dict(varied),
+            sweep.grid,
             out=output,
             resume=resume,
             processes=processes,
+            scheduler=scheduler,
             overrides=settings or (),
             first_seed=first_seed,
             keep_errors=figures,
             worlds=listed,
+            samples=sweep.samples,
             progress=lambda done, total: step("missions flown", done, total),
         )
     show(_study_tables(result, listed), terminal(err=as_json))
     if output is not None:
-        files = ["summary.json", "runs.csv", "study.json"]
+        for note in result.notes:
+            say(f"note: {note}")
+        files = list(result.files)
         if figures:
             files += ["errors.nc"] if result.errors is not None else []
             files += write_study_figures(result, output, say)
@@ -296,8 +309,11 @@ def _study_tables(result: StudyResult, worlds: Sequence[World]) -> Group:
     """A study's tables: one for each variant, or one over all worlds."""
     from uwcoop.navigators import not_realisable
     from uwcoop.report.result_tables import study_table
+    from uwcoop.report.sensitivity_table import MOST_TABLES, sensitivity_table
     from uwcoop.report.world_table import world_tables
 
+    if len(result.summary["variants"]) > MOST_TABLES and "sensitivity" in result.summary:
+        return sensitivity_table(result.summary)
     if worlds:
         return world_tables(result.summary, worlds, settle_s=result.settle_s)
     flown = [name for variant in result.summary["variants"] for name in variant["navigators"]]

@@ -16,10 +16,12 @@ ScenarioArgument = Annotated[
 
 
 def _note_secrets(settings: list[str] | None) -> list[str] | None:
+    if not settings:
+        return settings
     from uwcoop.cli.terminal import say
     from uwcoop.scenario.secrets import sets_secret
 
-    if any(sets_secret(setting) for setting in settings or ()):
+    if any(sets_secret(setting) for setting in settings):
         say(
             "note: every user of this machine can see a key on a command line: key_env or key_file names a place for it"
         )

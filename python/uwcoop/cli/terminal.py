@@ -126,9 +126,9 @@ def print_run(result: RunResult, console: Console) -> None:
     from uwcoop.report.truthless_table import truthless_lines, truthless_table
 
     summary = result.summary
-    marked, settle_s = not_realisable(summary["navigators"]), float(result.tracks.attrs["settle_s"])
-    known = has_truth(result.tracks)
-    lasts = float(result.tracks["time"].values[-1]) > settle_s
+    marked, settle_s = not_realisable(summary["navigators"]), float(result.recorded.attrs["settle_s"])
+    known = has_truth(result.recorded)
+    lasts = float(result.recorded["time"].values[-1]) > settle_s
     alone = lasts and not known.all()
     if known.any() or not lasts:
         show(summary_table(summary, settle_s=settle_s, not_realisable=marked), console)

@@ -21,8 +21,9 @@ from uwcoop.evaluation.nees import CHI2_95_2D, anees_bounds
 from uwcoop.evaluation.per_instant import names_of, settled_instants, values_of
 
 if TYPE_CHECKING:
-    import xarray as xr
     from numpy.typing import NDArray
+
+    from uwcoop.missionlog.labelled import Arrays
 
     Floats = NDArray[np.float64]
     Innovations = Mapping[str, NDArray[Any]]
@@ -65,13 +66,13 @@ def innovations_of(records: list[dict[str, Any]]) -> dict[str, NDArray[Any]]:
     return {"navigator": np.repeat(np.arange(len(tables)), counts), **found}
 
 
-def has_truth(tracks: xr.Dataset) -> NDArray[np.bool_]:
+def has_truth(tracks: Arrays) -> NDArray[np.bool_]:
     """(vehicle,) whether its true position is known at any instant that counts."""
     known = np.isfinite(values_of(tracks, "truth_position_m")).all(-1)
     return np.asarray((known & settled_instants(tracks)).any(-1))
 
 
-def stated_sigma_m(tracks: xr.Dataset) -> Floats:
+def stated_sigma_m(tracks: Arrays) -> Floats:
     """Root of the trace of the stated covariance, m, (navigator, vehicle, time); NaN where it is none."""
     covariance = values_of(tracks, "covariance_m2")
     trace = covariance[..., 0, 0] + covariance[..., 1, 1]
@@ -99,7 +100,7 @@ def innovation_fit(squared: Floats, kind: str) -> dict[str, Any]:
 
 
 def consistency(
-    tracks: xr.Dataset, innovations: Innovations, outcomes: Outcomes
+    tracks: Arrays, innovations: Innovations, outcomes: Outcomes
 ) -> dict[str, dict[str, dict[str, Any]]]:
     """What `summary.json` holds of each navigator and vehicle under `consistency`.
 
@@ -133,7 +134,7 @@ def consistency(
     return found
 
 
-def disagreement(tracks: xr.Dataset) -> dict[str, dict[str, dict[str, dict[str, float | None]]]]:
+def disagreement(tracks: Arrays) -> dict[str, dict[str, dict[str, dict[str, float | None]]]]:
     """By navigator, vehicle and other navigator: `rms_m` of the distance between both estimates over the instants that
     count, and `apart_share`, the share of them at which the distance is beyond the 95 % ellipse of the sum of both
     covariances. Navigators of one vehicle share its sensors, so honest ones are nearer to each other than that: where the

@@ -88,13 +88,10 @@ def bound_covariance_m2(
         truth of a vehicle is not known throughout, or where navigators are told more than the bound knows
         (`UNKNOWN_TO_IT`).
     """
-    if (
-        log.chart is None
-        or log.truth is None
-        or any(len(log.events.get(k, _NONE)["t_ns"]) for k in UNKNOWN_TO_IT)
-    ):
+    truth = log.known_truth
+    told_more = any(len(log.events.get(kind, _NONE)["t_ns"]) for kind in UNKNOWN_TO_IT)
+    if log.chart is None or truth is None or told_more:
         return None
-    truth = log.truth
     position = truth["position_m"].transpose("vehicle", "time", "axis").to_numpy()
     span_s = truth["time"].to_numpy()[[0, -1]]
     if not np.isfinite(position).all() or span_s[0] > 0 or span_s[1] * 1e9 < sample_ns[-1]:

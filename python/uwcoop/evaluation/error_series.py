@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
 
 from uwcoop.errors import TracksError
 from uwcoop.evaluation import metrics
@@ -28,13 +27,14 @@ from uwcoop.importers.bounded import READ_LIMIT_BYTES, refuse_array, refuse_irre
 from uwcoop.report.atomic_files import atomic_write
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import NDArray
 
 __all__ = ["FILE", "ErrorSeries", "error_series_of", "gather", "read_error_series", "write_error_series"]
 
 FILE = "errors.nc"
 
-ErrorSeries = dict[tuple[str, int], xr.Dataset]
+ErrorSeries = dict[tuple[str, int], "xr.Dataset"]
 """A mission's error series by variant and seed."""
 
 _EACH = ("navigator", "vehicle", "time")
@@ -52,6 +52,8 @@ _ATTRIBUTES = {
 
 def error_series_of(tracks: xr.Dataset) -> xr.Dataset:
     """A mission's error series, dims (navigator, vehicle, time at 1 Hz), from its tracks."""
+    import xarray as xr
+
     time = tracks["time"].values
     grid = np.flatnonzero(np.abs(time - np.round(time)) < 1e-9)
     # Instants of a second: those after the whole second before it, itself included.
@@ -90,6 +92,8 @@ def gather(error_series: ErrorSeries, variants: Sequence[str], seeds: Sequence[i
     own = {(v, s): error_series[v, s] for v in variants for s in seeds if (v, s) in error_series}
     if not own:
         return None
+    import xarray as xr
+
     every = list(own.values())
     names = {dim: _union(series[dim].values.tolist() for series in every) for dim in ("navigator", "vehicle")}
     time = max((series["time"].values for series in every), key=len)
@@ -143,6 +147,8 @@ def read_error_series(folder: Path) -> ErrorSeries:
     path = folder / FILE
     if not path.exists():
         return {}
+    import xarray as xr
+
     with refused(TracksError, f"a study's errors {path}"):
         refuse_irregular(path)
         with xr.open_dataset(path, engine="h5netcdf") as opened:

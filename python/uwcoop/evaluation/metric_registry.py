@@ -14,6 +14,7 @@ import numpy as np
 from uwcoop.evaluation import pooling
 from uwcoop.evaluation.metric_types import Column, Metric, Pooled
 from uwcoop.evaluation.nees import normalised_square
+from uwcoop.evaluation.nees_samples import NEES_SAMPLES
 from uwcoop.evaluation.per_instant import position_error, values_of
 from uwcoop.evaluation.pooling import LOST_BEYOND_M, quantile, root_mean_square
 from uwcoop.evaluation.sensor_misfit import SENSOR_MISFITS
@@ -239,6 +240,7 @@ METRICS: dict[str, Metric] = {
             ),
         ),
     ),
+    **NEES_SAMPLES,
     "state_anees_per_dof": Metric(
         "1",
         "mean NEES of the whole pose by degree of freedom; 1 is ideal",

@@ -19,8 +19,6 @@ import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-import xarray as xr
-
 from uwcoop.evaluation.metric_registry import METRICS, pooled_metrics, row_columns
 from uwcoop.evaluation.metric_types import Column, Metric, Pooled
 from uwcoop.evaluation.nees import anees_bounds, normalised_square
@@ -30,6 +28,8 @@ from uwcoop.evaluation.vehicle_run import vehicle_runs
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from uwcoop.missionlog.labelled import Arrays
 
 __all__ = [
     "LOST_BEYOND_M",
@@ -51,7 +51,7 @@ __all__ = [
 
 
 def rows(
-    tracks: xr.Dataset,
+    tracks: Arrays,
     *,
     seconds: Mapping[str, float],
     packets: Mapping[str, NDArray[Any]] | None,
@@ -72,7 +72,7 @@ def rows(
 
 
 def summarise(
-    tracks: xr.Dataset, *, seconds: Mapping[str, float], packets: Mapping[str, NDArray[Any]] | None
+    tracks: Arrays, *, seconds: Mapping[str, float], packets: Mapping[str, NDArray[Any]] | None
 ) -> dict[str, Any]:
     """The content of `summary.json`: strict JSON, None for what does not apply or is infinite.
 

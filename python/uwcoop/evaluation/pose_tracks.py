@@ -32,8 +32,9 @@ def pose_variables(
     variables: dict[str, Any] = {
         "pose_covariance": (("navigator", "vehicle", "time", "pose", "pose_b"), covariance, note)
     }
-    if log.truth is not None and "yaw_rad" in log.truth:
-        truth = true_yaw_rad(log.truth["time"].to_numpy(), log.truth["yaw_rad"].to_numpy(), t_ns / 1e9)
+    known = log.known_truth
+    if known is not None and "yaw_rad" in known:
+        truth = true_yaw_rad(known["time"].to_numpy(), known["yaw_rad"].to_numpy(), t_ns / 1e9)
         variables["truth_yaw_rad"] = (("vehicle", "time"), truth, {"units": "rad"})
     return variables
 

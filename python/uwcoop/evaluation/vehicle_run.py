@@ -7,12 +7,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
-from uwcoop.evaluation.per_instant import errors, grid_instants, names_of, nees, settled_instants, values_of
+from uwcoop.evaluation.per_instant import (
+    distances_m,
+    grid_instants,
+    names_of,
+    nees_values,
+    settled_instants,
+    values_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from uwcoop.missionlog.labelled import Arrays
 
     Floats = NDArray[np.float64]
     Packets = Mapping[str, NDArray[Any]]
@@ -24,7 +32,7 @@ __all__ = ["VehicleRun", "vehicle_runs"]
 class VehicleRun:
     """One vehicle in one run of one navigator: what a metric is measured on."""
 
-    tracks: xr.Dataset
+    tracks: Arrays
     packets: Packets | None
     """Of the run, as `RunResult.packets`; None: `packet_bytes` of the tracks counts."""
     seconds: float
@@ -46,11 +54,11 @@ class VehicleRun:
 
 
 def vehicle_runs(
-    tracks: xr.Dataset, seconds: Mapping[str, float], packets: Packets | None
+    tracks: Arrays, seconds: Mapping[str, float], packets: Packets | None
 ) -> Iterator[tuple[str, str, VehicleRun]]:
     """Navigator, vehicle and what is measured, for each of both."""
     settled, grid = settled_instants(tracks), grid_instants(tracks)
-    error_m, square = errors(tracks).values, nees(tracks).values
+    error_m, square = distances_m(tracks), nees_values(tracks)
     for i, navigator in enumerate(names_of(tracks, "navigator")):
         for j, vehicle in enumerate(names_of(tracks, "vehicle")):
             known = settled & ~np.isnan(error_m[i, j])

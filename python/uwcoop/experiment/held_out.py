@@ -19,10 +19,10 @@ from uwcoop.evaluation.per_instant import names_of, values_of
 from uwcoop.scenario.base import nearest
 
 if TYPE_CHECKING:
-    import xarray as xr
     from numpy.typing import NDArray
 
     from uwcoop.missionlog import Columns, MissionLog
+    from uwcoop.missionlog.labelled import Arrays
 
 __all__ = ["GAP_S", "LONGEST_S", "Request", "held_out_scores", "parse_request", "withhold"]
 
@@ -98,7 +98,7 @@ def withhold(log: MissionLog, request: Request) -> tuple[MissionLog, Columns]:
     return replace(log, events={**log.events, "fix": kept}, notes=(*log.notes, note)), taken
 
 
-def held_out_scores(tracks: xr.Dataset, fixes: Columns) -> dict[str, dict[str, dict[str, Any]]]:
+def held_out_scores(tracks: Arrays, fixes: Columns) -> dict[str, dict[str, dict[str, Any]]]:
     """By navigator and vehicle: `fixes` scored, `rms_m` of their distance from the estimate, `sigma_m` the root mean
     square sigma of the fixes alone, and `nees`, the mean normalised square under estimate and fix together (2 is
     ideal).

@@ -151,7 +151,7 @@ def _changed(log: MissionLog, chart: Chart | str | Path | None, overrides: Seque
     log = with_acoustics(log, acoustics)
     if "capacity_bytes" in told:
         log = with_capacity(log, told["capacity_bytes"])
-    return replace(log, setup=log.setup.with_overrides(options)) if options else log
+    return log.with_setup(log.setup.with_overrides(options)) if options else log
 
 
 def _with_chart(log: MissionLog, chart: Chart | str | Path, reading: Sequence[str]) -> MissionLog:

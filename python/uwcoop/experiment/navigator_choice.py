@@ -45,11 +45,11 @@ def check_plan_fits(navigators: Iterable[str], log: MissionLog) -> None:
     Raises:
         ScheduleError: names the navigator, vehicle, value and bound.
     """
-    plan = log.setup.acoustics
-    if plan is None or log.truth is None:
+    plan, truth = log.setup.acoustics, log.known_truth
+    if plan is None or truth is None:
         return
     capacity = acoustics.slot_capacity_bytes(plan)
-    position_m, depth_m = (log.truth[name].to_numpy() for name in ("position_m", "depth_m"))
+    position_m, depth_m = (truth[name].to_numpy() for name in ("position_m", "depth_m"))
     reached: dict[str, tuple[str, NDArray[np.float64]]] = {
         "sender's depth": ("depth", depth_m),
         "mean easting": ("easting", position_m[..., 0]),

@@ -7,11 +7,11 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from uwcoop import _native
 from uwcoop.acoustics.authentication import authenticator_of
@@ -25,9 +25,11 @@ from uwcoop.experiment.mission import LOG_SUFFIX, has_happened, open_mission
 from uwcoop.experiment.navigator_choice import check_packets_fit, check_plan_fits, default_navigators
 from uwcoop.experiment.tracks import clouds_of, packets_of, sent_by, tracks_of
 from uwcoop.missionlog import Columns, MissionLog
+from uwcoop.missionlog.labelled import Labelled
 from uwcoop.navigators import Context, Custom, PythonNavigator, build, build_central, options_of, spec_of
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import NDArray
 
     from uwcoop.charts import Chart
@@ -48,8 +50,8 @@ class RunResult:
     """What a run gives: the mission, its tracks, packets, particle clouds and the summary."""
 
     log: MissionLog
-    tracks: xr.Dataset
-    """Estimates and truth; see the reference for dimensions and units."""
+    recorded: Labelled
+    """What `tracks` is made of."""
     packets: dict[str, NDArray[Any]]
     """One row for each packet at each receiver and navigator."""
     clouds: xr.Dataset | None
@@ -69,18 +71,23 @@ class RunResult:
     held_out: Columns = field(default_factory=dict)
     """Fixes that the navigators were not given, as the log has them."""
 
+    @cached_property
+    def tracks(self) -> xr.Dataset:
+        """Estimates and truth; see the reference for dimensions and units."""
+        return self.recorded.to_xarray()
+
     @property
     def summary(self) -> dict[str, Any]:
         """What `summary.json` holds."""
-        summary = metrics.summarise(self.tracks, seconds=self.seconds, packets=self.packets)
+        summary = metrics.summarise(self.recorded, seconds=self.seconds, packets=self.packets)
         for name, sent in self.sent.items():
             summary["navigators"][name]["sent"] = sent
             if self.unused[name]:
                 summary["navigators"][name]["unused"] = self.unused[name]
         parts = {
-            "consistency": consistency(self.tracks, self.innovations, self.outcomes),
-            "disagreement": disagreement(self.tracks) if len(self.sent) > 1 else {},
-            "held_out": held_out_scores(self.tracks, self.held_out) if self.held_out else {},
+            "consistency": consistency(self.recorded, self.innovations, self.outcomes),
+            "disagreement": disagreement(self.recorded) if len(self.sent) > 1 else {},
+            "held_out": held_out_scores(self.recorded, self.held_out) if self.held_out else {},
         }
         for part, by_navigator in parts.items():
             for name, entry in by_navigator.items():
@@ -156,7 +163,7 @@ def run(
     records = [replay.tracks() for replay in replays]
     return RunResult(
         log=log,
-        tracks=tracks_of(log, names, records),
+        recorded=tracks_of(log, names, records),
         packets=packets_of(records),
         clouds=clouds_of(log, names, records) if clouds else None,
         seconds=seconds,

@@ -19,7 +19,9 @@ from uwcoop.report.interruption import deferred
 
 __all__ = ["STUDY_FILES", "Row", "StudyStore", "text_of"]
 
-OF_ALL_ROWS = ("summary.json", "boxes.png", "bytes.png", "errors_over_time.png", "information.png")
+OF_ALL_ROWS = (
+    "summary.json", "runs.parquet", "report.html", "boxes.png", "bytes.png", "errors_over_time.png", "information.png",
+)  # fmt: skip
 """Files of a study's folder that are made of all its rows, when they are complete."""
 STUDY_FILES = ("runs.csv", "study.json", *OF_ALL_ROWS)
 Row = dict[str, Any]
@@ -59,10 +61,11 @@ class StudyStore:
     ) -> None:
         self.rows: list[Row] = []
         self._folder = folder
-        self._keys = tuple(keys)
+        self.keys = tuple(keys)
+        """What is varied."""
         self._about = {**identity, "vary": list(keys)}
         self._digests = {json.dumps(variant): digest for variant, digest in digests.items()}
-        self._columns = (*self._keys, *row_columns())
+        self._columns = (*self.keys, *row_columns())
         self._started = False
         if folder is None:
             return
@@ -122,7 +125,7 @@ class StudyStore:
         return Path(self._folder or ".") / "study.json"
 
     def _variant(self, row: Row) -> tuple[str, ...]:
-        return tuple(row[key] for key in self._keys)
+        return tuple(row[key] for key in self.keys)
 
     def _start(self) -> None:
         """Write both files with all that there is so far, whole."""
@@ -159,7 +162,7 @@ class StudyStore:
                 )
         for variant, digest in self._digests.items():
             if known.get(variant, digest) != digest:
-                said = ", ".join(f"{k}={v}" for k, v in zip(self._keys, json.loads(variant), strict=True))
+                said = ", ".join(f"{k}={v}" for k, v in zip(self.keys, json.loads(variant), strict=True))
                 raise StudyError(
                     f"{self._csv} is of another study: scenario, options or input files have changed"
                     + (f" for {said}" if said else "")

@@ -31,7 +31,10 @@ class Variant:
     """One scenario of a study, and what is varied in it."""
 
     settings: dict[str, Any]
+    """What is varied, by dotted key; of a world its name."""
     scenario: Scenario
+    changes: dict[str, Any]
+    """The same as values of scenario keys, with those that the world changes."""
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -47,16 +50,18 @@ def variants_of(
     overrides: Sequence[str],
     vary: Mapping[str, Sequence[Any]],
     worlds: Sequence[World] = (),
+    samples: Sequence[Mapping[str, Any]] = (),
 ) -> Iterator[Variant]:
-    """Every combination of varied values, each in every world; without worlds, in the scenario's own."""
+    """Every combination of varied values with every sample, each in every world; else in the scenario's own."""
     for values in itertools.product(*vary.values()):
-        settings = dict(zip(vary, values, strict=True))
-        base = _with(scenario, overrides, settings)
-        if not worlds:
-            yield Variant(settings, base)
-        for world in worlds:
-            changes = settings | world.settings(base)
-            yield Variant(settings | {WORLD: world.name}, _with(scenario, overrides, changes))
+        for sample in samples or [{}]:
+            settings = {**dict(zip(vary, values, strict=True)), **sample}
+            base = _with(scenario, overrides, settings)
+            if not worlds:
+                yield Variant(settings, base, settings)
+            for world in worlds:
+                changes = settings | world.settings(base)
+                yield Variant(settings | {WORLD: world.name}, _with(scenario, overrides, changes), changes)
 
 
 def _with(scenario: Scenario | str | Path, overrides: Sequence[str], settings: Mapping[str, Any]) -> Scenario:

@@ -1,157 +1,97 @@
-"""The missions of a study on all cores: one task for each seed, in every variant."""
+"""The missions of a study, flown by an executor in batches that are long enough to be worth their sending."""
 
 from __future__ import annotations
 
-import multiprocessing
-import multiprocessing.connection
-import os
-import threading
-import warnings
+import math
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import replace
-from functools import lru_cache, partial
+from contextlib import AbstractContextManager, nullcontext
 from typing import TYPE_CHECKING
 
-from uwcoop.acoustics.authentication import KeyFileWarning
-from uwcoop.errors import StudyError, UwcoopError
-from uwcoop.evaluation import metrics
-from uwcoop.evaluation.error_series import error_series_of
-from uwcoop.experiment.navigator_choice import check_plan_fits
-from uwcoop.experiment.run import run
-from uwcoop.experiment.study_store import Row
+from uwcoop.errors import UwcoopError
+from uwcoop.experiment.executors import Executor, Here, cores, local_processes
+from uwcoop.experiment.study_flights import FlownSeed, Plan, Unit, units_of
 from uwcoop.navigators import Custom
-from uwcoop.report.interruption import ignored_in_children
-from uwcoop.scenario.setup import MissionSetup
-from uwcoop.world.mission_area import mission_area
-from uwcoop.world.simulate import open_chart, simulate
 
 if TYPE_CHECKING:
-    import xarray as xr
-
-    from uwcoop.charts import Chart
-    from uwcoop.charts.places import Area
-    from uwcoop.missionlog import MissionLog
-    from uwcoop.scenario.chart import ChartSpec
     from uwcoop.scenario.models import Scenario
 
-__all__ = ["FlownSeed", "flights"]
+__all__ = ["flights"]
 
-FlownSeed = list[tuple[int, list[Row], "xr.Dataset | None"]]
-"""Variant, rows, and the error over time if it is kept."""
+_BATCH_S = 0.5
+"""A batch should take at least so long: below, sending it counts."""
+_QUEUED = 2
+"""Batches submitted for each slot, so that none waits for the next."""
 
 
 def flights(
     pending: Mapping[int, Sequence[int]],
     variants: Sequence[Scenario],
     navigators: Sequence[str | Custom],
+    *,
     processes: int | None,
-    keep_errors: bool,
+    scheduler: str | None = None,
+    keep_errors: bool = False,
 ) -> Iterator[tuple[int, FlownSeed]]:
-    """Every pending seed with its variants' rows, in the order in which they finish.
+    """Every pending mission's rows with its seed, in the order in which they finish; a seed may come in parts.
 
     Args:
         pending: by seed, indices of the variants to fly.
         variants: the scenario of each variant.
         navigators: who flies.
-        processes: at most so many at a time; None: all cores.
+        processes: at most so many at a time on this machine; None: all cores.
+        scheduler: address of a Dask scheduler, whose workers fly instead.
         keep_errors: also keep the error over time of each mission.
 
     Raises:
         UwcoopError: what a mission raises, with its seed; workers are ended.
-        StudyError: a worker process that died.
+        StudyError: workers that died, or a scheduler that is gone.
     """
-    fly = partial(_fly, keep_errors=True) if keep_errors else _fly
-    jobs = {seed: [(k, variants[k]) for k in which] for seed, which in pending.items()}
-    workers = min(processes or _cores(), len(jobs))
-    if workers <= 1:
-        for seed, job in jobs.items():
-            try:
-                yield seed, fly(seed, job, navigators)
-            except UwcoopError as error:
-                raise _with_seed(error, seed) from error
+    units = deque(units_of(pending, variants))
+    if not units:
         return
-    ours = set(multiprocessing.active_children())
-    executor = ProcessPoolExecutor(
-        workers, multiprocessing.get_context("spawn"), initializer=_end_with_parent
-    )
-    try:
-        with ignored_in_children():
-            futures: dict[Future[FlownSeed], int] = {
-                executor.submit(fly, seed, job, navigators): seed for seed, job in jobs.items()
-            }
-        for future in as_completed(futures):
-            try:
-                yield futures[future], future.result()
-            except UwcoopError as error:
-                raise _with_seed(error, futures[future]) from error
-            except BrokenProcessPool as error:
-                raise StudyError(
-                    "a worker process did not start or was killed: a script that calls study() needs "
-                    '`if __name__ == "__main__":` around its work; for want of memory use fewer processes'
-                ) from error
-    except BaseException:
-        executor.shutdown(wait=False, cancel_futures=True)
-        for child in set(multiprocessing.active_children()) - ours:
-            child.terminate()
-        raise
-    finally:
-        executor.shutdown(cancel_futures=True)
+    flown = {k for which in pending.values() for k in which}
+    plan = Plan.of(variants, navigators, keep_errors=keep_errors, flown=flown)
+    with _executor(plan, len(units), processes, scheduler) as executor:
+        yield from _flown(executor, units)
 
 
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def _executor(
+    plan: Plan, units: int, processes: int | None, scheduler: str | None
+) -> AbstractContextManager[Executor]:
+    if scheduler is not None:
+        from uwcoop.experiment.dask_cluster import dask_cluster
+
+        return dask_cluster(plan, scheduler)
+    workers = min(processes or cores(), units)
+    return nullcontext(Here(plan)) if workers <= 1 else local_processes(plan, workers)
 
 
-def _end_with_parent() -> None:
-    """A worker whose parent is killed would wait for work for ever."""
-    warnings.simplefilter("ignore", KeyFileWarning)  # the parent warns once
-    parent = multiprocessing.parent_process()
-    if parent is None:
-        return
+def _flown(executor: Executor, units: deque[Unit]) -> Iterator[tuple[int, FlownSeed]]:
+    flying, ended, seconds = 0, 0, 0.0
+    while units or flying:
+        slots = executor.slots
+        while units and flying < _QUEUED * slots:
+            size = _batch_size(seconds / ended if ended else math.inf, len(units), slots)
+            executor.submit(tuple(units.popleft() for _ in range(size)))
+            flying += 1
+        batch = executor.next_flown()
+        flying -= 1
+        for one in batch:
+            if one.error is not None:
+                raise _with_seed(one.error, one.unit.seed) from one.error
+            ended, seconds = ended + 1, seconds + one.seconds
+            yield one.unit.seed, one.results
 
-    def watch() -> None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+def _batch_size(unit_s: float, left: int, slots: int) -> int:
+    """Units that take half a second together; one where they are alone or their time is not known yet. Near the end a
+    batch is no more than a slot's share."""
+    if slots == 1:
+        return 1
+    return max(1, min(math.ceil(_BATCH_S / max(unit_s, 1e-6)), left // (_QUEUED * slots)))
 
 
 def _with_seed(error: UwcoopError, seed: int) -> UwcoopError:
     error.args = (f"{error} (seed {seed})",)
     return error
-
-
-def _fly(
-    seed: int,
-    job: Sequence[tuple[int, Scenario]],
-    navigators: Sequence[str | Custom],
-    keep_errors: bool = False,
-) -> FlownSeed:
-    """One seed in every variant; worlds that are the same are simulated once."""
-    logs: dict[str, MissionLog] = {}
-    flown: FlownSeed = []
-    for k, scenario in job:
-        world = scenario.world_text()
-        if world not in logs:
-            logs[world] = simulate(scenario, seed, _chart_of(scenario))
-        log = replace(logs[world], setup=MissionSetup.of(scenario))
-        check_plan_fits((n for n in navigators if isinstance(n, str)), log)
-        result = run(log, navigators, clouds=False)
-        rows = metrics.rows(result.tracks, seconds=result.seconds, packets=result.packets)
-        flown.append((k, rows, error_series_of(result.tracks) if keep_errors else None))
-    return flown
-
-
-def _chart_of(scenario: Scenario) -> Chart | None:
-    spec = scenario.chart
-    if spec is None:
-        return None
-    return _chart(spec, None if spec.synthetic is not None else mission_area(scenario))
-
-
-@lru_cache(maxsize=4)
-def _chart(spec: ChartSpec, area: Area | None) -> Chart:
-    # Once in each process: gridding soundings takes longer than a mission.
-    return open_chart(spec, lambda: area)

@@ -6,21 +6,22 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 
 from uwcoop import _native
 from uwcoop.evaluation.cramer_rao import BOUNDS, bounds_of
 from uwcoop.evaluation.pose_tracks import pose_variables
 from uwcoop.experiment.diagnostics import attributes_of
 from uwcoop.missionlog import MissionLog
+from uwcoop.missionlog.labelled import Labelled
 
 if TYPE_CHECKING:
+    import xarray as xr
     from numpy.typing import NDArray
 
 __all__ = ["clouds_of", "packets_of", "sent_by", "tracks_of"]
 
 
-def tracks_of(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, Any]]) -> xr.Dataset:
+def tracks_of(log: MissionLog, names: Sequence[str], records: Sequence[dict[str, Any]]) -> Labelled:
     t_ns = records[0]["t_ns"]
     each = ("navigator", "vehicle", "time")
     covariance = np.stack([r["covariance_m2"] for r in records])
@@ -55,7 +56,7 @@ def tracks_of(log: MissionLog, names: Sequence[str], records: Sequence[dict[str,
         return np.stack([r[key] for r in records])
 
     metres = {"units": "m"}
-    return xr.Dataset(
+    return Labelled(
         {
             "position_m": ((*each, "axis"), stack("mean_m"), metres),
             "covariance_m2": ((*each, "axis", "axis_b"), _square(covariance), {"units": "m2"}),
@@ -119,10 +120,11 @@ def _square(upper: NDArray[np.float64]) -> NDArray[np.float64]:
 def _truth(log: MissionLog, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
     """True positions at the record's instants, piecewise linear as vehicles move; NaN where unknown."""
     out = np.full((len(log.vehicles), len(t_ns), 2), np.nan)
-    if log.truth is None:
+    truth = log.known_truth
+    if truth is None:
         return out
-    known_s = log.truth["time"].to_numpy()
-    position = log.truth["position_m"].to_numpy()
+    known_s = truth["time"].to_numpy()
+    position = truth["position_m"].to_numpy()
     for v in range(len(log.vehicles)):
         for axis in range(2):
             out[v, :, axis] = np.interp(t_ns / 1e9, known_s, position[v, :, axis], left=np.nan, right=np.nan)
@@ -140,6 +142,8 @@ def clouds_of(log: MissionLog, names: Sequence[str], records: Sequence[dict[str,
     most = max((len(w) for r in records for *_, w in r["clouds"]), default=0)
     if not len(times):
         return None
+    import xarray as xr
+
     shape = (len(names), len(log.vehicles), len(times), most)
     particles = np.full((*shape, 2), np.nan, np.float32)
     weight = np.full(shape, np.nan, np.float32)

@@ -6,6 +6,7 @@ figures and the viewer; nothing in the core has a type that could carry it.
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ import numpy as np
 from uwcoop.acoustics.link import Link
 from uwcoop.errors import LogError
 from uwcoop.frames import Origin
+from uwcoop.missionlog.labelled import Arrays, DatasetWhenRead
 from uwcoop.scenario.setup import MissionSetup
 
 if TYPE_CHECKING:
@@ -136,7 +138,7 @@ class MissionLog:
     origin: Origin = field(default_factory=Origin)
     setup: MissionSetup = field(default_factory=MissionSetup)
     """What the log keeps of its scenario."""
-    truth: xr.Dataset | None = None
+    truth: DatasetWhenRead = DatasetWhenRead()  # noqa: RUF009 - a descriptor: xr.Dataset | None
     """dims (vehicle, time, axis): `position_m`, `depth_m`, `yaw_rad`, `current_mps`; `time` float64 s."""
     notes: tuple[str, ...] = ()
     """What was assumed, dropped or converted while the log was made, one sentence each."""
@@ -146,6 +148,18 @@ class MissionLog:
     """In what this mission is not as it happened: "without V2", "acoustics.loss.probability=0.4"."""
     team_key: bytes | None = field(default=None, repr=False, compare=False)
     """Key of the packets' tags, in memory only: no file holds it."""
+
+    @property
+    def known_truth(self) -> Arrays | None:
+        """The truth as it is held, for readers that need no Dataset."""
+        held: Arrays | None = self.__dict__["truth"]
+        return held
+
+    def with_setup(self, setup: MissionSetup) -> MissionLog:
+        """The same mission with another setup; what it holds is shared."""
+        other = copy.copy(self)
+        other.setup = setup
+        return other
 
     def tables(self) -> Iterator[tuple[str, Columns]]:
         """Every table present, with its name: event kinds, then `slots`, `opportunities`, `receptions`, `polls`."""

@@ -9,12 +9,12 @@ import numpy as np
 
 from uwcoop.errors import LogError
 from uwcoop.missionlog.copies import ODOMETRY, set_body_twist, set_yaw
+from uwcoop.missionlog.labelled import Arrays, Labelled
 from uwcoop.missionlog.messages import Layout, Records, layout, set_stamps, split, stamps
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.missionlog.topics import Recorded, Stream, frame_id, namespaces, read_topic
 
 if TYPE_CHECKING:
-    import xarray as xr
     from numpy.typing import NDArray
 
 DIMENSIONS = {
@@ -35,7 +35,7 @@ def types(names: Sequence[str]) -> dict[str, str]:
     return {f"/truth/{name}/{suffix}": msgtype for name in names for suffix, msgtype in kinds.items()}
 
 
-def truth_time_ns(truth: xr.Dataset) -> NDArray[np.int64]:
+def truth_time_ns(truth: Arrays) -> NDArray[np.int64]:
     """The truth's times in nanoseconds, (time,).
 
     Raises:
@@ -100,15 +100,13 @@ def encode_truth(log: MissionLog) -> Iterator[Stream]:
             yield Stream(f"{prefix}/current", _CURRENT, t_ns, split(records))
 
 
-def decode_truth(recorded: Recorded, names: Sequence[str], about: Mapping[str, Any]) -> xr.Dataset:
+def decode_truth(recorded: Recorded, names: Sequence[str], about: Mapping[str, Any]) -> Labelled:
     """The truth as `describe` states it, from recorded topics.
 
     Raises:
         LogError: a topic missing, out of order, of another length, or with other times than the first
         vehicle's.
     """
-    import xarray as xr
-
     count = int(about["times"])
     values: dict[str, list[NDArray[np.float64]]] = {str(name): [] for name in about["variables"]}
     t_ns: NDArray[np.int64] | None = None
@@ -135,14 +133,13 @@ def decode_truth(recorded: Recorded, names: Sequence[str], about: Mapping[str, A
         for name, column in values.items():
             column.append(parts[name])
     assert t_ns is not None
-    dataset = xr.Dataset(
-        {name: (DIMENSIONS[name], np.stack(column)) for name, column in values.items()},
-        coords={"time": t_ns / 1e9, **about["coordinates"]},
-        attrs=about["attributes"],
+    units = about["units"]
+    coordinates = {"time": t_ns / 1e9, **about["coordinates"]}
+    return Labelled(
+        {name: (DIMENSIONS[name], np.stack(column), units.get(name, {})) for name, column in values.items()},
+        {name: (name, np.asarray(column), units.get(name, {})) for name, column in coordinates.items()},
+        about["attributes"],
     )
-    for name, attributes in about["units"].items():
-        dataset[name].attrs.update(attributes)
-    return dataset
 
 
 def _odometry_layout(namespace: str) -> Layout:

@@ -215,37 +215,31 @@ def _receptions(table: CheckedTable) -> None:
 
 def _truth(log: MissionLog) -> None:
     """Shapes and times; a value may be NaN where the truth is unknown, never infinite."""
-    if log.truth is None:
+    truth = log.known_truth
+    if truth is None:
         return
-    names = {str(name) for name in log.truth.data_vars}
+    names = {str(name) for name in truth.data_vars}
     if "position_m" not in names or not names <= DIMENSIONS.keys():
         raise LogError(f"truth: variables {sorted(names)} must be position_m and any of {sorted(DIMENSIONS)}")
-    if (
-        not {str(name) for name in log.truth.coords} <= {"vehicle", "time", "axis"}
-        or "time" not in log.truth.coords
-    ):
-        raise LogError(
-            f"truth: coordinates {sorted(map(str, log.truth.coords))} must be time, vehicle and axis"
-        )
-    sizes = {str(name): int(size) for name, size in log.truth.sizes.items()}
+    if not {str(name) for name in truth.coords} <= {"vehicle", "time", "axis"} or "time" not in truth.coords:
+        raise LogError(f"truth: coordinates {sorted(map(str, truth.coords))} must be time, vehicle and axis")
+    sizes = {str(name): int(size) for name, size in truth.sizes.items()}
     if sizes.get("vehicle") != len(log.vehicles) or sizes.get("axis") != 2 or not sizes.get("time"):
         raise LogError(
             f"truth: sizes {sizes} must be vehicle {len(log.vehicles)}, axis 2 and time at least 1"
         )
-    if "vehicle" in log.truth.coords and log.truth["vehicle"].to_numpy().tolist() != list(log.vehicles):
-        raise LogError(
-            f"truth: vehicles {log.truth['vehicle'].to_numpy().tolist()} must be {list(log.vehicles)}"
-        )
-    seconds = log.truth["time"].to_numpy()
+    if "vehicle" in truth.coords and truth["vehicle"].to_numpy().tolist() != list(log.vehicles):
+        raise LogError(f"truth: vehicles {truth['vehicle'].to_numpy().tolist()} must be {list(log.vehicles)}")
+    seconds = truth["time"].to_numpy()
     if seconds.dtype != np.float64 or not np.isfinite(seconds).all():
         raise LogError("truth: times must be finite float64 seconds")
     outside = seconds[(seconds < 0) | (seconds * 1e9 > _LONGEST_NS)]
     if outside.size:
         raise LogError(f"truth: time {outside[0]} s must be within 0 to {seconds_text(_LONGEST_NS)} s")
-    if np.any(np.diff(truth_time_ns(log.truth)) <= 0):
+    if np.any(np.diff(truth_time_ns(truth)) <= 0):
         raise LogError("truth: times must increase")
     for name in sorted(names):
-        variable = log.truth[name]
+        variable = truth[name]
         if set(variable.dims) != set(DIMENSIONS[name]) or variable.dtype != np.float64:
             raise LogError(
                 f"truth: {name} is {variable.dtype} {variable.dims}, it must be float64 {DIMENSIONS[name]}"

@@ -124,6 +124,7 @@ def options_of(name: str, setup: MissionSetup | None = None) -> Options:
     # What makes a navigator what its name says is not for `all` to change.
     implied = {key: value for key, value in common.items() if key in known and key not in spec.fixed}
     own = {**setup.navigator.own.get(base_name(name), {}), **setup.navigator.own.get(name, {})}
+    own = _of_variant(name, known, own, stated=name in setup.navigator.own)
     implied = _implied_by_setup(spec, setup, {**implied, **own}) | implied
     if "clock" in known and "clock" in own and setup.acoustics is not None:
         own["clock"] = clock_of(setup.acoustics) | dict(own["clock"])
@@ -139,6 +140,25 @@ def options_of(name: str, setup: MissionSetup | None = None) -> Options:
             raise NavigatorError(f"navigator.{name}.{option}: not read, because {unread[option]}")
     read = {key: value for key, value in implied.items() if key not in unread}
     return _validated(name, {**read, **own, **spec.fixed})
+
+
+def _of_variant(
+    name: str, known: Mapping[str, Any], own: Mapping[str, Any], *, stated: bool
+) -> dict[str, Any]:
+    """Options of a variant by its name: `mpf@dvl` has the drift preset `dvl`, unless it states another.
+
+    Raises:
+        NavigatorError: a variant without options of its own would be its navigator under another name.
+    """
+    base, at, told = name.partition("@")
+    if at and told in options.DRIFT_PRESETS and "drift" in known:
+        return {**own, "drift": own.get("drift", told) if stated else told}
+    if at and not stated:
+        presets = ", ".join(f"{base}@{preset}" for preset in options.DRIFT_PRESETS)
+        raise NavigatorError(
+            f"navigator {name!r} has no options of its own: state them, navigator.{name}.OPTION=…, or take {presets}"
+        )
+    return dict(own)
 
 
 def _implied_by_setup(spec: Spec, setup: MissionSetup, stated: Mapping[str, Any]) -> dict[str, Any]:
@@ -244,7 +264,7 @@ def not_realisable(names: Iterable[str]) -> set[str]:
 
 def base_name(name: str) -> str:
     """The packaged navigator of a variant: `dmpf@2000` is `dmpf` with the options of `[navigator."dmpf@2000"]` over
-    those of `[navigator.dmpf]`, beside it in one run or study."""
+    those of `[navigator.dmpf]`, beside it in one run or study; `mpf@dvl` is `mpf` with the drift preset `dvl`."""
     return name.partition("@")[0]
 
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     from uwcoop.experiment.run import RunResult
+    from uwcoop.missionlog.labelled import Arrays
 
 __all__ = ["misfit_lines"]
 
@@ -35,32 +34,33 @@ def misfit_lines(result: RunResult) -> list[str]:
     mission, without which there are no errors.
     """
     lines: list[str] = []
-    tracks = result.tracks
+    tracks = result.recorded
     settle_s = float(tracks.attrs["settle_s"])
-    if float(tracks.time[-1]) <= settle_s:
+    end_s = float(tracks["time"].values[-1])
+    if end_s <= settle_s:
         lines.append(
-            f"the mission lasts {float(tracks.time[-1]):g} s, not longer than metrics.settle_s, {settle_s:g} s: no "
+            f"the mission lasts {end_s:g} s, not longer than metrics.settle_s, {settle_s:g} s: no "
             "errors are counted; --set metrics.settle_s=0 counts all"
         )
-    for k, name in enumerate(tracks.navigator.values):
+    for k, name in enumerate(tracks["navigator"].values):
         own = tracks.isel(navigator=k)
         for check in (_noisy_soundings, _ranges_that_do_not_fit, _gated, _alarms, _current_beyond_its_prior):
             lines.extend(f"{name}: {line}" for line in check(own, result))
     return lines
 
 
-def _told(own: xr.Dataset, values: np.ndarray[Any, Any], above: float, form: str) -> str:
+def _told(own: Arrays, values: np.ndarray[Any, Any], above: float, form: str) -> str:
     """The vehicles whose value exceeds a bound, with it; empty where there is none."""
     return ", ".join(
         f"{vehicle} ({form.format(value)})"
-        for vehicle, value in zip(own.vehicle.values, values, strict=True)
+        for vehicle, value in zip(own["vehicle"].values, values, strict=True)
         if np.isfinite(value) and value > above
     )
 
 
-def _noisy_soundings(own: xr.Dataset, _: RunResult) -> Iterator[str]:
+def _noisy_soundings(own: Arrays, _: RunResult) -> Iterator[str]:
     if "depth_noise_factor" in own:
-        factor = _finite(own.depth_noise_factor)
+        factor = _finite(own["depth_noise_factor"])
         later = factor[:, factor.shape[1] // 2 :]  # at first nothing is learned
         found = _told(own, np.median(later, axis=-1), NOISE_FACTOR, "{:.1f} x")
         if found:
@@ -70,10 +70,10 @@ def _noisy_soundings(own: xr.Dataset, _: RunResult) -> Iterator[str]:
             )
 
 
-def _ranges_that_do_not_fit(own: xr.Dataset, _: RunResult) -> Iterator[str]:
+def _ranges_that_do_not_fit(own: Arrays, _: RunResult) -> Iterator[str]:
     if "range_innovation_m" not in own:
         return
-    squares = (_finite(own.range_innovation_m) / _finite(own.range_innovation_sigma_m)) ** 2
+    squares = (_finite(own["range_innovation_m"]) / _finite(own["range_innovation_sigma_m"])) ** 2
     # A range's innovation stands until the next one comes.
     fresh = np.diff(squares, axis=-1, prepend=np.nan) != 0
     squares = np.where(fresh & np.isfinite(squares), squares, np.nan)
@@ -87,13 +87,13 @@ def _ranges_that_do_not_fit(own: xr.Dataset, _: RunResult) -> Iterator[str]:
         )
 
 
-def _gated(own: xr.Dataset, result: RunResult) -> Iterator[str]:
+def _gated(own: Arrays, result: RunResult) -> Iterator[str]:
     sounded = result.log.events.get("water_depth")
     vehicles = np.zeros(0, np.int64) if sounded is None else sounded["vehicle"]
-    soundings = np.array([np.count_nonzero(np.equal(vehicles, v)) for v in range(len(own.vehicle))])
+    soundings = np.array([np.count_nonzero(np.equal(vehicles, v)) for v in range(len(own["vehicle"].values))])
     for kind, counts, all_of in (
         ("soundings", own.get("gated_soundings"), soundings),
-        ("ranges", own.get("gated_ranges"), own.heard.values.sum(axis=-1)),
+        ("ranges", own.get("gated_ranges"), own["heard"].values.sum(axis=-1)),
     ):
         if counts is None:
             continue
@@ -103,14 +103,14 @@ def _gated(own: xr.Dataset, result: RunResult) -> Iterator[str]:
             yield f"{kind} of {found} contradicted the estimate and were gated: sensor, chart or start differ from belief"
 
 
-def _alarms(own: xr.Dataset, _: RunResult) -> Iterator[str]:
+def _alarms(own: Arrays, _: RunResult) -> Iterator[str]:
     if "alarms" in own:
-        found = _told(own, _finite(own.alarms)[:, -1], ALARMS - 0.5, "{:.0f} alarms")
+        found = _told(own, _finite(own["alarms"])[:, -1], ALARMS - 0.5, "{:.0f} alarms")
         if found:
             yield f"the health monitor spread the cloud of {found}: look at the chart, its datum and the start"
 
 
-def _current_beyond_its_prior(own: xr.Dataset, _: RunResult) -> Iterator[str]:
+def _current_beyond_its_prior(own: Arrays, _: RunResult) -> Iterator[str]:
     names = ("current_east_mps", "current_north_mps", "sigma_current_east_mps", "sigma_current_north_mps")
     if not all(name in own for name in names):
         return

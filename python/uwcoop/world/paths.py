@@ -134,6 +134,7 @@ class Pursuit:
         self._corners: list[tuple[float, float]] = [(float(e), float(n)) for e, n in corners]
         self._at = 0  # index of the segment's first corner
         self._step = 1  # +1 outward, -1 on the way back
+        self._directions: dict[tuple[int, int], tuple[float, float, float]] = {}
 
     def yaw(self, east: float, north: float) -> float:
         """Where to steer from a position in metres: yaw, radians, counter-clockwise from east."""
@@ -159,9 +160,13 @@ class Pursuit:
         return at, -self._step if turns_back else self._step
 
     def _direction(self, at: int, step: int) -> tuple[float, float, float]:
-        (e0, n0), (e1, n1) = self._corners[at], self._corners[at + step]
-        length = math.hypot(e1 - e0, n1 - n0)
-        return (e1 - e0) / length, (n1 - n0) / length, length
+        """Unit vector and length of a segment, worked out once."""
+        known = self._directions.get((at, step))
+        if known is None:
+            (e0, n0), (e1, n1) = self._corners[at], self._corners[at + step]
+            length = math.hypot(e1 - e0, n1 - n0)
+            known = self._directions[at, step] = (e1 - e0) / length, (n1 - n0) / length, length
+        return known
 
     def _project(self, at: int, step: int, east: float, north: float) -> tuple[float, float, float]:
         """Distance along a segment (from 0 on), the segment's length, and the distance from it."""

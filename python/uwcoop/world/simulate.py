@@ -12,6 +12,7 @@ import numpy as np
 from uwcoop import acoustics
 from uwcoop import scenario as scenarios
 from uwcoop.errors import ChartError, ScenarioError
+from uwcoop.missionlog.labelled import Labelled
 from uwcoop.missionlog.model import MissionLog
 from uwcoop.scenario.chart import SYNTHETIC
 from uwcoop.scenario.setup import MissionSetup
@@ -24,8 +25,6 @@ from uwcoop.world.vehicles import team_motion
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    import xarray as xr
 
     from uwcoop.charts import Chart
     from uwcoop.charts.places import Area
@@ -227,12 +226,10 @@ def _synthetic(name: str, options: tuple[tuple[str, Any], ...]) -> Chart:
     return synthetic(name, **dict(options))
 
 
-def _truth(names: tuple[str, ...], motion: Sequence[Motion]) -> xr.Dataset:
-    import xarray as xr
-
+def _truth(names: tuple[str, ...], motion: Sequence[Motion]) -> Labelled:
     by_axis, plain = ("vehicle", "time", "axis"), ("vehicle", "time")
     note = "velocity that the command does not know of: water current plus the vehicle's own drift"
-    return xr.Dataset(
+    return Labelled(
         {
             "position_m": (by_axis, np.stack([m.position_m for m in motion]), {"units": "m"}),
             "depth_m": (plain, np.stack([m.depth_m for m in motion]), {"units": "m", "positive": "down"}),
