@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::diagnostics::LINEAR_STATES;
 use super::drift::Drift;
+use super::held_velocity::HeldVelocity;
 use super::snapshot::{load, save};
 use super::{Estimate, Kinds, Navigator, Outcome, Profile, Status, check_event, check_sender};
 use crate::error::Error;
@@ -32,6 +33,7 @@ struct ReckoningState {
     now_ns: Option<i64>,
     started: bool,
     velocity_mps: [f64; 2],
+    held: HeldVelocity,
     mean: ReckoningVector,
     covariance: Covariance,
     rejected: u64,
@@ -51,6 +53,7 @@ impl DeadReckoning {
             now_ns: None,
             started: false,
             velocity_mps: [0.0; 2],
+            held: HeldVelocity::default(),
             mean: ReckoningVector::zeros(),
             covariance: Covariance::zeros(),
             rejected: 0,
@@ -58,8 +61,9 @@ impl DeadReckoning {
         Ok(Self { own, vehicles, drift, core })
     }
 
-    /// Mean and covariance moved ahead by `dt_s` with the velocity in force.
-    fn predicted(&self, dt_s: f64) -> (ReckoningVector, Covariance) {
+    /// Mean and covariance moved from `now_ns` to `t_ns` with the velocity in force.
+    fn predicted(&self, now_ns: i64, t_ns: i64) -> (ReckoningVector, Covariance) {
+        let dt_s = seconds(t_ns.saturating_sub(now_ns));
         let mut transition = Covariance::identity();
         let map = displacement_map::<4>(self.core.velocity_mps, dt_s);
         for (row, columns) in map.iter().enumerate() {
@@ -74,8 +78,9 @@ impl DeadReckoning {
         // Looking back, what has happened since is not taken away again: a covariance stays one.
         let walked_s = dt_s.max(0.0);
         let walk = self.drift.position_walk(walked_s);
-        covariance[(0, 0)] += walk[0];
-        covariance[(1, 1)] += walk[2];
+        let held_m2 = self.core.held.drift_m2(now_ns, t_ns);
+        covariance[(0, 0)] += walk[0] + held_m2;
+        covariance[(1, 1)] += walk[2] + held_m2;
         let linear = self.drift.walk::<4>(walked_s);
         for k in 0..4 {
             covariance[(2 + k, 2 + k)] += linear[(k, k)];
@@ -87,7 +92,7 @@ impl DeadReckoning {
         if let (true, Some(now_ns)) = (self.core.started, self.core.now_ns)
             && t_ns > now_ns
         {
-            (self.core.mean, self.core.covariance) = self.predicted(seconds(t_ns.saturating_sub(now_ns)));
+            (self.core.mean, self.core.covariance) = self.predicted(now_ns, t_ns);
         }
         self.core.now_ns = Some(t_ns);
     }
@@ -140,6 +145,7 @@ impl Navigator for DeadReckoning {
         match &event.payload {
             Payload::Motion { velocity_mps } => {
                 self.core.velocity_mps = *velocity_mps;
+                self.core.held.renew(event.t_ns, *velocity_mps);
                 Ok(Outcome::Fused)
             }
             Payload::Fix { position_m, covariance_m2 } => Ok(self.fix(*position_m, *covariance_m2)),
@@ -164,7 +170,7 @@ impl Navigator for DeadReckoning {
         let core = &self.core;
         let (mean, covariance, status) = match (core.started, core.now_ns) {
             (true, Some(now_ns)) => {
-                let (mean, covariance) = self.predicted(seconds(t_ns.saturating_sub(now_ns)));
+                let (mean, covariance) = self.predicted(now_ns, t_ns);
                 (
                     [mean[0], mean[1]],
                     [covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]],

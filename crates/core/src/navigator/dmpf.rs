@@ -252,7 +252,7 @@ impl Dmpf {
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
             Payload::Motion { velocity_mps } => {
-                self.state.core.velocity_mps = *velocity_mps;
+                self.state.core.set_velocity(*velocity_mps);
                 Outcome::Fused
             }
             Payload::Depth { depth_m, .. } if self.options.range.is_some() => {

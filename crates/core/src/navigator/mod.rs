@@ -6,6 +6,7 @@ pub mod dead_reckoning;
 pub mod diagnostics;
 pub mod dmpf;
 pub mod drift;
+pub mod held_velocity;
 pub mod landmark;
 pub mod last_heard;
 pub mod mpf;

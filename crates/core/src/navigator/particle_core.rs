@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::diagnostics::GatedCounts;
 use super::drift::Drift;
+use super::held_velocity::HeldVelocity;
 use super::range_novelty::Growth;
 use super::settings::check_all;
 use super::settings::terrain::PARTICLES;
@@ -41,6 +42,7 @@ pub struct ParticleCore<const K: usize> {
     /// How often fixes that insisted scattered the cloud anew.
     pub restarts: u32,
     drift: Drift,
+    held: HeldVelocity,
     streams: Streams,
     step: u32,
     contradicting_fixes: u32,
@@ -68,6 +70,7 @@ impl<const K: usize> ParticleCore<K> {
             information_nat: f64::NAN,
             restarts: 0,
             drift,
+            held: HeldVelocity::default(),
             streams,
             step: 0,
             contradicting_fixes: 0,
@@ -111,6 +114,23 @@ impl<const K: usize> ParticleCore<K> {
         self.status != Status::NotStarted
     }
 
+    /// A velocity comes into force now.
+    pub fn set_velocity(&mut self, velocity_mps: [f64; 2]) {
+        self.velocity_mps = velocity_mps;
+        if let Some(now_ns) = self.now_ns() {
+            self.held.renew(now_ns, velocity_mps);
+        }
+    }
+
+    /// Process noise of the position from now to `t_ns`, [ee, en, nn], m²: the walk, and a velocity that is out of force.
+    #[must_use]
+    pub fn position_walk_to(&self, t_ns: i64) -> [f64; 3] {
+        let Some(now_ns) = self.now_ns() else { return [0.0; 3] };
+        let [ee, en, nn] = self.drift.position_walk(seconds(t_ns.saturating_sub(now_ns)));
+        let held_m2 = self.held.drift_m2(now_ns, t_ns);
+        [ee + held_m2, en, nn + held_m2]
+    }
+
     /// A stream that no other use shares.
     pub fn next_stream(&mut self, purpose: Purpose) -> Stream {
         self.step = self.step.wrapping_add(1);
@@ -136,13 +156,9 @@ impl<const K: usize> ParticleCore<K> {
                 mean_step[0] += map[0][k] * c;
                 mean_step[1] += map[1][k] * c;
             }
-            let step = prepare_step(
-                &mut self.covariance,
-                self.velocity_mps,
-                dt_s,
-                self.drift.position_walk(dt_s),
-                &self.drift.walk(dt_s),
-            );
+            let walk = self.position_walk_to(t_ns);
+            let step =
+                prepare_step(&mut self.covariance, self.velocity_mps, dt_s, walk, &self.drift.walk(dt_s));
             let stream = self.next_stream(Purpose::Process);
             self.cloud.propagate(&step, &stream);
             made = Some(step);
@@ -293,7 +309,7 @@ impl<const K: usize> ParticleCore<K> {
             estimate.mean_m[a] += self.velocity_mps[a] * dt_s + moved[a];
         }
         let added = drift + coupled + coupled.transpose();
-        let walk = self.drift.position_walk(dt_s);
+        let walk = self.position_walk_to(estimate.t_ns);
         estimate.covariance_m2[0] += added[(0, 0)] + walk[0];
         estimate.covariance_m2[1] += added[(0, 1)] + walk[1];
         estimate.covariance_m2[2] += added[(1, 1)] + walk[2];

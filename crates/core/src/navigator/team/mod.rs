@@ -177,7 +177,7 @@ impl<const K: usize> Team<K> {
     fn fuse_event(&mut self, event: &Event) -> Outcome {
         match &event.payload {
             Payload::Motion { velocity_mps } => {
-                self.terrain.state.core.velocity_mps = *velocity_mps;
+                self.terrain.state.core.set_velocity(*velocity_mps);
                 Outcome::Fused
             }
             Payload::Depth { depth_m, .. } if self.options.use_ranges => {

@@ -139,7 +139,7 @@ impl<const K: usize> TerrainCore<K> {
         self.advance(event.t_ns);
         match &event.payload {
             Payload::Motion { velocity_mps } => {
-                self.state.core.velocity_mps = *velocity_mps;
+                self.state.core.set_velocity(*velocity_mps);
                 Outcome::Fused
             }
             Payload::Fix { position_m, covariance_m2 } => {
