@@ -12,6 +12,7 @@ from uwcoop.cli.terminal import say
 
 if TYPE_CHECKING:
     from uwcoop.onboard.modems import Modem
+    from uwcoop.onboard.nmea import NmeaDriver
     from uwcoop.onboard.service import SystemClock
     from uwcoop.onboard.transports import Address
     from uwcoop.onboard.vehicle import VehicleNavigator
@@ -82,6 +83,17 @@ def node(
             help="With --epoch: a WHOI Micromodem at tcp:HOST:PORT or serial:PATH:BAUD, instead of the channel.",
         ),
     ] = None,
+    nmea: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="DEVICE",
+            help="With --epoch: sensors that speak NMEA 0183 or PD6, at udp:HOST:PORT (listened to), tcp:HOST:PORT or "
+            "serial:PATH:BAUD. Repeatable.",
+        ),
+    ] = None,
+    nmea_map: Annotated[
+        Path | None, typer.Option("--nmea-map", metavar="FILE.toml", help="Which sentences become which events.")
+    ] = None,
     transport: Annotated[str, typer.Option(metavar="udp|zenoh", help="How messages travel.")] = "udp",
     base_port: PortOption = BASE_PORT,
     peer: PeerOption = None,
@@ -114,10 +126,11 @@ def node(
     own = addresses.pop(made.name)
     wires = open_transport(transport, made.name, own if bind is None else _address(bind), addresses)
     clock = None if epoch is None else SystemClock(round(epoch * 1e9))
+    sensors = _nmea_drivers(nmea, nmea_map, made, clock)
     journal = None if state is None else Journal(state, made.digest)
     options = ServiceOptions(checkpoint_s, reorder_s, lead_s, silent_after_s=silent_after_s)
     service = NodeService(
-        made, wires, journal, clock=clock, modem=_modem(modem, made, clock), options=options
+        made, wires, journal, clock=clock, modem=_modem(modem, made, clock), drivers=sensors, options=options
     )
     time_of = (
         "the channel's"
@@ -137,6 +150,8 @@ def node(
         wires.close()
         if journal is not None:
             journal.close()
+    for driver in sensors:
+        say(f"nmea: {_counts(driver.counts)}")
     say(f"{made.name}: ended at {service.node.now_ns / 1e9:.3f} s; {_counts(service.node.counts)}")
     if black_box is not None and state is not None:
         _write_black_box(state, made, black_box)
@@ -250,6 +265,29 @@ def _modem(text: str | None, made: VehicleNavigator, clock: SystemClock | None) 
     if kind != "micromodem" or clock is None:
         raise typer.BadParameter("must be micromodem:DEVICE, and needs --epoch", param_hint="--modem")
     return Micromodem(open_line(device), made.mission, made.index, clock.now_ns, clock.epoch_ns)
+
+
+def _nmea_drivers(
+    devices: list[str] | None, path: Path | None, made: VehicleNavigator, clock: SystemClock | None
+) -> tuple[NmeaDriver, ...]:
+    if not devices and path is None:
+        return ()
+    if not devices or path is None:
+        raise typer.BadParameter("a device and a mapping go together", param_hint="--nmea, --nmea-map")
+    if clock is None:
+        raise typer.BadParameter("sensors have times of their own: give --epoch", param_hint="--nmea")
+    from uwcoop.onboard.lines import open_line
+    from uwcoop.onboard.nmea import NmeaDriver
+    from uwcoop.onboard.nmea_map import read_map
+
+    mapping, origin = read_map(path), made.mission.origin
+    drivers = tuple(
+        NmeaDriver(open_line(device), mapping, made.index, origin, clock.now_ns, clock.epoch_ns)
+        for device in devices
+    )
+    for line in drivers[0].said():
+        say(line)
+    return drivers
 
 
 def _write_black_box(state: Path, made: VehicleNavigator, path: Path) -> None:
