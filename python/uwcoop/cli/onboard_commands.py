@@ -222,6 +222,13 @@ def watch(
     peer: PeerOption = None,
     bind: BindOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="The nodes' messages as lines on stdout.")] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="The live replay view in a Rerun viewer.")] = False,
+    rerun_url: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", help="The live view in the viewer that runs there (rerun+http://…/proxy)."
+        ),
+    ] = None,
     until_s: Annotated[
         float | None, typer.Option("--for", min=0.0, metavar="S", help="End after so long; else by Ctrl-C.")
     ] = None,
@@ -229,14 +236,26 @@ def watch(
     """Show what the nodes say: position, sigma, last heard, slots, alarms."""
     from uwcoop import scenario as scenarios
     from uwcoop.onboard.transports import open_transport
-    from uwcoop.report.onboard_table import watch_lines, watch_table
+    from uwcoop.report.onboard_table import watch_drawn, watch_lines, watch_table
 
-    names = tuple(vehicle.name for vehicle in scenarios.load(scenario).team)
+    if as_json and (rerun or rerun_url is not None):
+        raise typer.BadParameter("lines or the view, not both", param_hint="--json, --rerun")
+    team = scenarios.load(scenario).team
+    names = tuple(vehicle.name for vehicle in team)
     addresses = _addresses(names, base_port, peer)
     own = addresses.pop("watch")
     wires = open_transport(transport, "watch", own if bind is None else _address(bind), addresses)
     try:
-        (watch_lines if as_json else watch_table)(wires, names, until_s)
+        if rerun or rerun_url is not None:
+            from uwcoop.onboard.vehicle import empty_mission
+            from uwcoop.viewer.live import spawn_viewer
+
+            drawn = spawn_viewer(
+                names, [vehicle.depth_m for vehicle in team], empty_mission(scenario).chart, rerun_url
+            )
+            watch_drawn(wires, drawn.take, until_s)
+        else:
+            (watch_lines if as_json else watch_table)(wires, names, until_s)
     finally:
         wires.close()
 

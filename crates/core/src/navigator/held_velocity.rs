@@ -62,9 +62,9 @@ mod tests {
     #[test]
     fn a_velocity_holds_for_five_seconds_or_three_periods_and_then_drifts_with_the_square_of_its_age() {
         let held = told(&[0, 1]);
-        assert_eq!(held.drift_m2(SECOND, 6 * SECOND), 0.0);
+        assert!(held.drift_m2(SECOND, 6 * SECOND) < 1e-20);
         assert!((held.drift_m2(6 * SECOND, 16 * SECOND) - 400.0).abs() < 1e-9);
-        assert_eq!(told(&[0, 20]).drift_m2(20 * SECOND, 80 * SECOND), 0.0);
+        assert!(told(&[0, 20]).drift_m2(20 * SECOND, 80 * SECOND) < 1e-20);
     }
 
     #[test]
