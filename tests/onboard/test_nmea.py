@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 import socket
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from hypothesis import example, given, settings
@@ -252,6 +254,19 @@ def test_a_mapping_says_what_it_lacks(tmp_path) -> None:
         read_map(tmp_path / "none.toml")
     with pytest.raises(ScenarioError, match="no latitude"):
         driver(Origin(), fix={"sentence": "GGA", "sigma_m": 2.0})
+
+
+def test_the_mapping_of_the_page_is_one(tmp_path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "howto" / "vehicle.md").read_text()
+    (text,) = re.findall(r"```toml\n(\[fix\].*?)```", page, re.DOTALL)
+    (tmp_path / "nmea.toml").write_text(text)
+    assert list(read_map(tmp_path / "nmea.toml").kinds()) == [
+        "heading",
+        "depth",
+        "fix",
+        "motion",
+        "water_depth",
+    ]
 
 
 def test_a_node_hears_sensors_over_udp() -> None:

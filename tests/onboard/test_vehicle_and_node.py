@@ -126,7 +126,7 @@ def test_a_sensor_event_that_came_twice_is_fused_once(tmp_path) -> None:
     assert again.vehicle.save() == node.vehicle.save()
 
 
-def test_what_is_known_again_is_bounded() -> None:
+def test_what_is_known_again_is_bounded_in_number_and_time() -> None:
     import uwcoop.onboard.node as module
 
     node = Node(VehicleNavigator.from_scenario(scenario(), "V1"), lambda message: None)
@@ -135,6 +135,9 @@ def test_what_is_known_again_is_bounded() -> None:
         if k % 1000 == 0:
             node.advance(k)
     assert len(node._recent) == module.QUEUE_LIMIT
+    node.advance(100 * SECOND_NS)
+    assert node.take(uwcoop.Event(100 * SECOND_NS, 0, "depth", depth_m=2.0, sigma_m=0.1))
+    assert len(node._recent) == 1
     assert node.counts["duplicate"] == 0
 
 

@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from uwcoop.cli.onboard_devices import modem_of, nmea_drivers
 from uwcoop.cli.options import SeedOption
 from uwcoop.cli.terminal import say
 
 if TYPE_CHECKING:
-    from uwcoop.onboard.modems import Modem
-    from uwcoop.onboard.nmea import NmeaDriver
-    from uwcoop.onboard.service import SystemClock
     from uwcoop.onboard.transports import Address
     from uwcoop.onboard.vehicle import VehicleNavigator
 
@@ -79,8 +77,9 @@ def node(
     modem: Annotated[
         str | None,
         typer.Option(
-            metavar="micromodem:DEVICE",
-            help="With --epoch: a WHOI Micromodem at tcp:HOST:PORT or serial:PATH:BAUD, instead of the channel.",
+            metavar="micromodem:DEVICE|unet:HOST:PORT",
+            help="With --epoch: a WHOI Micromodem at tcp:HOST:PORT or serial:PATH:BAUD, or a UnetStack modem's "
+            "gateway, instead of the channel.",
         ),
     ] = None,
     nmea: Annotated[
@@ -126,11 +125,17 @@ def node(
     own = addresses.pop(made.name)
     wires = open_transport(transport, made.name, own if bind is None else _address(bind), addresses)
     clock = None if epoch is None else SystemClock(round(epoch * 1e9))
-    sensors = _nmea_drivers(nmea, nmea_map, made, clock)
+    sensors = nmea_drivers(nmea, nmea_map, made, clock)
     journal = None if state is None else Journal(state, made.digest)
     options = ServiceOptions(checkpoint_s, reorder_s, lead_s, silent_after_s=silent_after_s)
     service = NodeService(
-        made, wires, journal, clock=clock, modem=_modem(modem, made, clock), drivers=sensors, options=options
+        made,
+        wires,
+        journal,
+        clock=clock,
+        modem=modem_of(modem, made, clock),
+        drivers=sensors,
+        options=options,
     )
     time_of = (
         "the channel's"
@@ -272,41 +277,6 @@ def black_box(
     from uwcoop.onboard.vehicle import VehicleNavigator
 
     _write_black_box(state, VehicleNavigator.from_scenario(scenario, vehicle, navigator, seed=seed), output)
-
-
-def _modem(text: str | None, made: VehicleNavigator, clock: SystemClock | None) -> Modem | None:
-    from uwcoop.onboard.lines import open_line
-    from uwcoop.onboard.micromodem import Micromodem
-
-    if text is None:
-        return None
-    kind, _, device = text.partition(":")
-    if kind != "micromodem" or clock is None:
-        raise typer.BadParameter("must be micromodem:DEVICE, and needs --epoch", param_hint="--modem")
-    return Micromodem(open_line(device), made.mission, made.index, clock.now_ns, clock.epoch_ns)
-
-
-def _nmea_drivers(
-    devices: list[str] | None, path: Path | None, made: VehicleNavigator, clock: SystemClock | None
-) -> tuple[NmeaDriver, ...]:
-    if not devices and path is None:
-        return ()
-    if not devices or path is None:
-        raise typer.BadParameter("a device and a mapping go together", param_hint="--nmea, --nmea-map")
-    if clock is None:
-        raise typer.BadParameter("sensors have times of their own: give --epoch", param_hint="--nmea")
-    from uwcoop.onboard.lines import open_line
-    from uwcoop.onboard.nmea import NmeaDriver
-    from uwcoop.onboard.nmea_map import read_map
-
-    mapping, origin = read_map(path), made.mission.origin
-    drivers = tuple(
-        NmeaDriver(open_line(device), mapping, made.index, origin, clock.now_ns, clock.epoch_ns)
-        for device in devices
-    )
-    for line in drivers[0].said():
-        say(line)
-    return drivers
 
 
 def _write_black_box(state: Path, made: VehicleNavigator, path: Path) -> None:

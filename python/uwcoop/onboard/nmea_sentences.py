@@ -132,29 +132,24 @@ def _perhaps(value: Any, what: str) -> float:
     return math.nan if value in ("", None) else _number(value, what)
 
 
-def _place(said: Any) -> dict[str, float]:
-    place = {
-        "latitude_deg": _number(said.lat, "latitude"),
-        "longitude_deg": _number(said.lon, "longitude"),
-    }
-    if abs(place["latitude_deg"]) > 90 or abs(place["longitude_deg"]) > 180:
-        raise SentenceError(
-            f"position {place['latitude_deg']}, {place['longitude_deg']} deg is not on the Earth"
-        )
-    return place
+def _place(said: _Said) -> tuple[float, float]:
+    latitude_deg, longitude_deg = _number(said.lat, "latitude"), _number(said.lon, "longitude")
+    if abs(latitude_deg) > 90 or abs(longitude_deg) > 180:
+        raise SentenceError(f"position {latitude_deg}, {longitude_deg} deg is not on the Earth")
+    return latitude_deg, longitude_deg
 
 
 def _gga(said: _Said, fields: list[str]) -> Reading:
     if _number(said.quality, "fix quality") == 0:
         raise SentenceError("no fix")
-    return Reading("GGA", fields[1], **_place(said), hdop=_perhaps(said.HDOP, "HDOP"))
+    return Reading("GGA", fields[1], *_place(said), hdop=_perhaps(said.HDOP, "HDOP"))
 
 
 def _rmc(said: _Said, fields: list[str]) -> Reading:
     if said.status != "A":
         raise SentenceError("no fix")
     speed_mps, course_deg = _perhaps(said.spd, "speed") * KNOT_MPS, _perhaps(said.cog, "course")
-    return Reading("RMC", fields[1], **_place(said), speed_mps=speed_mps, course_deg=course_deg)
+    return Reading("RMC", fields[1], *_place(said), speed_mps=speed_mps, course_deg=course_deg)
 
 
 def _vtg(said: _Said, fields: list[str]) -> Reading:

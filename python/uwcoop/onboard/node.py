@@ -180,12 +180,10 @@ class Node:
         )  # fmt: skip
 
     def _remember(self, line: bytes, t_ns: int) -> None:
-        if len(self._recent) >= QUEUE_LIMIT:
-            oldest_ns = self.now_ns - RECENT_NS
-            self._recent = {known: at_ns for known, at_ns in self._recent.items() if at_ns >= oldest_ns}
-            while len(self._recent) >= QUEUE_LIMIT:
-                del self._recent[next(iter(self._recent))]
         self._recent[line] = t_ns
+        oldest_ns = self.now_ns - RECENT_NS
+        while len(self._recent) > QUEUE_LIMIT or self._recent[next(iter(self._recent))] < oldest_ns:
+            del self._recent[next(iter(self._recent))]
 
     def _late(self, event: Event) -> None:
         # The place of the core's window of late events: until it is there, a late one is not used.

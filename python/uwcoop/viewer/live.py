@@ -23,7 +23,8 @@ __all__ = ["VIEWER_PORT", "LiveView", "spawn_viewer"]
 VIEWER_PORT = 9876
 _SOURCE = "nodes"
 TRAIL_S = 900
-"""For so long back trails and sigma are shown."""
+"""For so long back trails are shown."""
+SIGMA_S = 300
 _JUMP_M = 50.0
 
 
@@ -212,7 +213,7 @@ def _layout(stage: Stage) -> Any:
         name="sigma (m)",
         axis_x=rrb.TimeAxis(
             view_range=rr.TimeRange(
-                start=rr.TimeRangeBoundary.cursor_relative(seconds=-float(TRAIL_S)),
+                start=rr.TimeRangeBoundary.cursor_relative(seconds=-float(SIGMA_S)),
                 end=rr.TimeRangeBoundary.cursor_relative(seconds=10.0),
             )
         ),
