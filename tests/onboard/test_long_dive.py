@@ -48,8 +48,10 @@ def test_memory_is_flat_over_hours_and_the_journal_is_rotated(tmp_path) -> None:
 
     dive.fly(before_step)
     assert dive.estimates == 3 * (HOURS * 3600 + 1)
-    # The first quarter fills what is bounded. Three nodes, and the water's list of launches.
-    assert seen[4] - seen[1] < 8e6, seen
+    # Three nodes, and the water's list of launches. What grows with the events grows in the second half as in the first;
+    # before it, the allocator's pools fill up.
+    assert seen[4] - seen[2] < 4e6, seen
+    assert seen[4] - seen[1] < 16e6, seen
     files = journal_files(tmp_path / "0")
     assert len(files) > 20
     assert max(path.stat().st_size for path in files) < 20_000 + 10_000

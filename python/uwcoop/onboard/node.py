@@ -100,8 +100,11 @@ class Node:
     def take(self, event: Event) -> bool:
         """Queue an event of this vehicle until `advance` passes its time; False if it is not taken."""
         key = _key(event)
-        if event.vehicle != self.vehicle.index or event.t_ns < 0:
+        if event.vehicle != self.vehicle.index:
             self.counts["misaddressed"] += 1
+            return False
+        if not 0 <= event.t_ns <= self.vehicle.mission.duration_ns:
+            self.counts["before the start" if event.t_ns < 0 else "after the end"] += 1
             return False
         line = encode(event_message(event))
         if line in self._recent:  # it would count as new knowledge
