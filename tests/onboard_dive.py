@@ -85,15 +85,17 @@ class Dive:
             self.said.append(message)
 
     def fly(self, before_step=lambda t_ns: None) -> None:
-        streams = [list(sensor_messages(self.log, k)) for k in range(len(self.log.vehicles))]
+        streams = [sensor_messages(self.log, k) for k in range(len(self.log.vehicles))]
+        heads = [next(stream, None) for stream in streams]
         instants = sorted(
             {*range(0, self.log.duration_ns + 1, SECOND_NS), *self.log.slots["tol_ns"].tolist()}
         )
         for t_ns in instants:
             before_step(t_ns)
             for k, node in enumerate(self.nodes):
-                while streams[k] and streams[k][0]["t_ns"] <= t_ns:
-                    assert node.take(event_of(streams[k].pop(0)))
+                while (head := heads[k]) is not None and head["t_ns"] <= t_ns:
+                    assert node.take(event_of(head))
+                    heads[k] = next(streams[k], None)
                 for message in [m for m in self._arriving if m["vehicle"] == k and m["t_ns"] <= t_ns]:
                     self._arriving.remove(message)
                     assert node.take(event_of(message))

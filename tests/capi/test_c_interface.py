@@ -79,4 +79,6 @@ def test_a_c_program_flies_restarts_and_reads_errors(tmp_path: Path) -> None:
     assert max(off_m) < 5
     assert "24 packets fused, 24 replayed ones rejected" in done.stdout
     assert "water_depth_m is NaN" in done.stdout
-    assert "kind is 99: must be 0 to 7" in done.stdout
+    assert "landmark pair: mover fused 1 positionings" in done.stdout
+    assert "role is 2: must be 0 (mover) or 1 (landmark)" in done.stdout
+    assert "kind is 99: must be 0 to 10" in done.stdout

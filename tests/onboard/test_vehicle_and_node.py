@@ -99,6 +99,63 @@ def test_a_refused_event_is_in_the_journal_and_not_in_the_black_box(tmp_path) ->
     assert box.events["motion"]["t_ns"].tolist() == [SECOND_NS]
 
 
+def test_a_sensor_event_that_came_twice_is_fused_once(tmp_path) -> None:
+    """Also one that comes again after it was fused, or after a restart; the same value at another time is not a copy."""
+    made = VehicleNavigator.from_scenario(scenario(), "V1")
+    said = []
+    node = Node(made, said.append, Journal(tmp_path, made.digest))
+
+    def fix(t_ns: int) -> uwcoop.Event:
+        return uwcoop.Event(t_ns, 0, "fix", e_m=0.0, n_m=0.0, cov_ee_m2=9.0, cov_en_m2=0.0, cov_nn_m2=9.0)
+
+    assert node.take(fix(0))
+    assert not node.take(fix(0))
+    node.advance(0)
+    assert not node.take(fix(0))
+    assert node.take(fix(1))
+    node.advance(2 * SECOND_NS)
+    assert node.counts["fused"] == 2
+    assert node.counts["duplicate"] == 2
+    assert [m["alarm"] for m in said if m["type"] == "diagnostic"] == ["duplicate event"]
+    node.journal.close()
+    again = Node(
+        VehicleNavigator.from_scenario(scenario(), "V1"), said.append, Journal(tmp_path, made.digest)
+    )
+    assert not again.take(fix(1))
+    assert again.counts["duplicate"] == 1
+    assert again.vehicle.save() == node.vehicle.save()
+
+
+def test_events_outside_the_mission_are_counted_and_not_used(tmp_path) -> None:
+    """Sensors speak before the start and after the end; the black box holds the mission."""
+    made = VehicleNavigator.from_scenario(scenario(), "V1")
+    node = Node(made, lambda message: None, Journal(tmp_path, made.digest))
+    end_ns = made.mission.duration_ns
+    for t_ns in (-1, 0, SECOND_NS, end_ns, end_ns + 1):
+        node.take(uwcoop.Event(t_ns, 0, "motion", velocity_e_mps=1.0, velocity_n_mps=0.0))
+    assert not node.take(uwcoop.Event(0, 1, "motion", velocity_e_mps=1.0, velocity_n_mps=0.0))
+    node.advance(end_ns + SECOND_NS)
+    assert node.counts["before the start"] == node.counts["after the end"] == node.counts["misaddressed"] == 1
+    box = write_black_box(tmp_path, made, tmp_path / "dive.mcap")
+    assert box.events["motion"]["t_ns"].tolist() == [0, SECOND_NS, end_ns]
+
+
+def test_what_is_known_again_is_bounded_in_number_and_time() -> None:
+    import uwcoop.onboard.node as module
+
+    node = Node(VehicleNavigator.from_scenario(scenario("duration_s=200"), "V1"), lambda message: None)
+    for k in range(module.QUEUE_LIMIT + 100):
+        assert node.take(uwcoop.Event(k, 0, "depth", depth_m=2.0, sigma_m=0.1))
+        if k % 1000 == 0:
+            node.advance(k)
+    assert len(node._recent) == module.QUEUE_LIMIT
+    for t_s in (100, 101):
+        assert node.take(uwcoop.Event(t_s * SECOND_NS, 0, "depth", depth_m=2.0, sigma_m=0.1))
+        node.advance(t_s * SECOND_NS)
+    assert len(node._recent) == 2
+    assert node.counts["duplicate"] == 0
+
+
 def test_late_events_are_counted_and_said_and_change_nothing() -> None:
     said = []
     node = Node(VehicleNavigator.from_scenario(scenario(), "V1"), said.append)

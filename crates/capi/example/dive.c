@@ -43,6 +43,38 @@ static int step(uwcoop_navigator *navigator, int vehicle, int t_s, double *east_
     return 0;
 }
 
+/* A vehicle that stands on the seabed is the landmark of one that moves: landing, roles, mutual positioning. */
+static int landmark_pair(void) {
+    uwcoop_navigator *pair[2] = {NULL, NULL};
+    int fused = 0;
+    for (int v = 0; v < 2; v++) {
+        CHECK(uwcoop_create("landmark", (uint16_t)v, 2, 1500.0, 7, NULL, NULL, &pair[v]));
+        double fix[5] = {100.0 * v, 0.0, 1.0, 0.0, 1.0}, heading[2] = {0.0, 0.02}, role[1] = {v == 0}, depth[2] = {10.0, 0.1};
+        CHECK(uwcoop_handle(pair[v], 0, UWCOOP_FIX, fix, 5, NULL));
+        CHECK(uwcoop_handle(pair[v], 0, UWCOOP_HEADING, heading, 2, NULL));
+        CHECK(uwcoop_handle(pair[v], 0, UWCOOP_DEPTH, depth, 2, NULL));
+        if (v == 0) CHECK(uwcoop_handle(pair[v], 0, UWCOOP_LANDED, NULL, 0, NULL));
+        CHECK(uwcoop_handle(pair[v], 0, UWCOOP_ROLE_TAKEN, role, 1, NULL));
+    }
+    uint8_t packet[CAPACITY];
+    size_t length = 0;
+    CHECK(uwcoop_transmit(pair[0], SECOND_NS, packet, CAPACITY, &length));
+    if (length) CHECK(uwcoop_receive(pair[1], 2 * SECOND_NS, 0, SECOND_NS, 1066666667, packet, length, NULL));
+    double velocity[3] = {0.0, 0.0, 0.05};
+    CHECK(uwcoop_handle(pair[1], 3 * SECOND_NS, UWCOOP_GROUND_VELOCITY, velocity, 3, NULL));
+    uwcoop_outcome outcome;
+    CHECK(uwcoop_acoustic_fix(pair[1], 4 * SECOND_NS, 0, 4 * SECOND_NS - 140000000, 100.0, 3.14, 0.0, 10.0, &outcome));
+    fused += outcome == UWCOOP_FUSED;
+    printf("landmark pair: mover fused %d positionings\n", fused);
+    double wrong = 2.0;
+    if (uwcoop_handle(pair[1], 5 * SECOND_NS, UWCOOP_ROLE_TAKEN, &wrong, 1, NULL) != UWCOOP_BAD_ARGUMENT) return 8;
+    printf("bad argument: %s\n", uwcoop_last_error());
+    CHECK(uwcoop_handle(pair[0], 5 * SECOND_NS, UWCOOP_LIFTED_OFF, NULL, 0, NULL));
+    uwcoop_destroy(pair[0]);
+    uwcoop_destroy(pair[1]);
+    return 0;
+}
+
 int main(void) {
     static float depth_m[ROWS * COLS];
     for (int k = 0; k < ROWS * COLS; k++) depth_m[k] = (float)water_depth_m(k % COLS * 5.0, k / COLS * 5.0);
@@ -104,5 +136,5 @@ int main(void) {
     uwcoop_destroy(team[0]);
     uwcoop_destroy(team[1]);
     uwcoop_destroy(NULL);
-    return 0;
+    return landmark_pair();
 }

@@ -53,6 +53,12 @@ enum uwcoop_kind
   UWCOOP_GROUND_VELOCITY = 6,
   // Position: east m, north m; covariance ee, en, nn, m².
   UWCOOP_FIX = 7,
+  // The vehicle stands on the seabed: no values.
+  UWCOOP_LANDED = 8,
+  // It no longer does: no values.
+  UWCOOP_LIFTED_OFF = 9,
+  // It took a role: 1, the landmark's; 0, the mover's.
+  UWCOOP_ROLE_TAKEN = 10,
 };
 #ifndef __cplusplus
 typedef int32_t uwcoop_kind;
@@ -206,6 +212,20 @@ uwcoop_code uwcoop_handle(uwcoop_navigator *navigator,
                           const double *values,
                           size_t count,
                           uwcoop_outcome *outcome);
+
+// Hand over a mutual positioning with `peer` that ended at `t_ns` and began at `transmit_ns`: slant range, direction to the
+// peer in the own body frame, direction to this vehicle in the peer's, the peer's depth. NaN is what was not measured.
+//
+// `outcome` may be null.
+uwcoop_code uwcoop_acoustic_fix(uwcoop_navigator *navigator,
+                                int64_t t_ns,
+                                uint16_t peer,
+                                int64_t transmit_ns,
+                                double range_m,
+                                double own_bearing_rad,
+                                double peer_bearing_rad,
+                                double peer_depth_m,
+                                uwcoop_outcome *outcome);
 
 // Hand over a packet: `t_ns` when decoding ended, `tol_ns` launch, `toa_ns` arrival of the signal's start.
 //

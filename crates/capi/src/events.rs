@@ -28,12 +28,18 @@ pub enum uwcoop_kind {
     UWCOOP_GROUND_VELOCITY = 6,
     /// Position: east m, north m; covariance ee, en, nn, m².
     UWCOOP_FIX = 7,
+    /// The vehicle stands on the seabed: no values.
+    UWCOOP_LANDED = 8,
+    /// It no longer does: no values.
+    UWCOOP_LIFTED_OFF = 9,
+    /// It took a role: 1, the landmark's; 0, the mover's.
+    UWCOOP_ROLE_TAKEN = 10,
 }
 
 impl uwcoop_kind {
     /// The kind of this number, which C may choose freely.
     fn of(number: i32) -> Result<Self, Failure> {
-        const ALL: [uwcoop_kind; 8] = [
+        const ALL: [uwcoop_kind; 11] = [
             uwcoop_kind::UWCOOP_MOTION,
             uwcoop_kind::UWCOOP_ODOMETRY,
             uwcoop_kind::UWCOOP_WATER_DEPTH,
@@ -42,9 +48,12 @@ impl uwcoop_kind {
             uwcoop_kind::UWCOOP_TURN_RATE,
             uwcoop_kind::UWCOOP_GROUND_VELOCITY,
             uwcoop_kind::UWCOOP_FIX,
+            uwcoop_kind::UWCOOP_LANDED,
+            uwcoop_kind::UWCOOP_LIFTED_OFF,
+            uwcoop_kind::UWCOOP_ROLE_TAKEN,
         ];
         let found = ALL.into_iter().find(|kind| *kind as i32 == number);
-        found.ok_or_else(|| Failure::Argument(format!("kind is {number}: must be 0 to 7")))
+        found.ok_or_else(|| Failure::Argument(format!("kind is {number}: must be 0 to 10")))
     }
 }
 
@@ -68,6 +77,14 @@ fn payload(kind: uwcoop_kind, values: &[f64]) -> Result<Payload, Failure> {
             Payload::GroundVelocity { velocity_mps: [f, l], sigma_mps }
         }
         (UWCOOP_FIX, &[e, n, ee, en, nn]) => Payload::Fix { position_m: [e, n], covariance_m2: [ee, en, nn] },
+        (UWCOOP_LANDED, &[]) => Payload::Landed,
+        (UWCOOP_LIFTED_OFF, &[]) => Payload::LiftedOff,
+        (UWCOOP_ROLE_TAKEN, &[role]) if role == 0.0 || role == 1.0 => {
+            Payload::RoleTaken { landmark: role == 1.0 }
+        }
+        (UWCOOP_ROLE_TAKEN, &[role]) => {
+            return Err(Failure::Argument(format!("role is {role}: must be 0 (mover) or 1 (landmark)")));
+        }
         _ => return Err(Failure::Argument(format!("{kind:?} does not have {} values", values.len()))),
     };
     Ok(found)
@@ -89,6 +106,43 @@ pub unsafe extern "C" fn uwcoop_handle(
     unsafe {
         with(navigator, |inner, vehicle| {
             let payload = payload(uwcoop_kind::of(kind)?, slice_of("values", values, count)?)?;
+            let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
+            if !outcome.is_null() {
+                outcome.write(found);
+            }
+            Ok(())
+        })
+    }
+}
+
+/// Hand over a mutual positioning with `peer` that ended at `t_ns` and began at `transmit_ns`: slant range, direction to the
+/// peer in the own body frame, direction to this vehicle in the peer's, the peer's depth. NaN is what was not measured.
+///
+/// `outcome` may be null.
+#[no_mangle]
+pub unsafe extern "C" fn uwcoop_acoustic_fix(
+    navigator: *mut uwcoop_navigator,
+    t_ns: i64,
+    peer: u16,
+    transmit_ns: i64,
+    range_m: f64,
+    own_bearing_rad: f64,
+    peer_bearing_rad: f64,
+    peer_depth_m: f64,
+    outcome: *mut uwcoop_outcome,
+) -> uwcoop_code {
+    let measured = |value: f64| (!value.is_nan()).then_some(value);
+    // SAFETY: the caller's word.
+    unsafe {
+        with(navigator, |inner, vehicle| {
+            let payload = Payload::AcousticFix {
+                peer,
+                transmit_ns,
+                range_m: measured(range_m),
+                own_bearing_rad: measured(own_bearing_rad),
+                peer_bearing_rad: measured(peer_bearing_rad),
+                peer_depth_m: measured(peer_depth_m),
+            };
             let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
             if !outcome.is_null() {
                 outcome.write(found);

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from uwcoop.cli.onboard_devices import modem_of, nmea_drivers
 from uwcoop.cli.options import SeedOption
 from uwcoop.cli.terminal import say
 
 if TYPE_CHECKING:
-    from uwcoop.onboard.modems import Modem
-    from uwcoop.onboard.service import SystemClock
     from uwcoop.onboard.transports import Address
     from uwcoop.onboard.vehicle import VehicleNavigator
 
@@ -78,9 +77,21 @@ def node(
     modem: Annotated[
         str | None,
         typer.Option(
-            metavar="micromodem:DEVICE",
-            help="With --epoch: a WHOI Micromodem at tcp:HOST:PORT or serial:PATH:BAUD, instead of the channel.",
+            metavar="micromodem:DEVICE|unet:HOST:PORT",
+            help="With --epoch: a WHOI Micromodem at tcp:HOST:PORT or serial:PATH:BAUD, or a UnetStack modem's "
+            "gateway, instead of the channel.",
         ),
+    ] = None,
+    nmea: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="DEVICE",
+            help="With --epoch: sensors that speak NMEA 0183 or PD6, at udp:HOST:PORT (listened to), tcp:HOST:PORT or "
+            "serial:PATH:BAUD. Repeatable.",
+        ),
+    ] = None,
+    nmea_map: Annotated[
+        Path | None, typer.Option("--nmea-map", metavar="FILE.toml", help="Which sentences become which events.")
     ] = None,
     transport: Annotated[str, typer.Option(metavar="udp|zenoh", help="How messages travel.")] = "udp",
     base_port: PortOption = BASE_PORT,
@@ -114,10 +125,17 @@ def node(
     own = addresses.pop(made.name)
     wires = open_transport(transport, made.name, own if bind is None else _address(bind), addresses)
     clock = None if epoch is None else SystemClock(round(epoch * 1e9))
+    sensors = nmea_drivers(nmea, nmea_map, made, clock)
     journal = None if state is None else Journal(state, made.digest)
     options = ServiceOptions(checkpoint_s, reorder_s, lead_s, silent_after_s=silent_after_s)
     service = NodeService(
-        made, wires, journal, clock=clock, modem=_modem(modem, made, clock), options=options
+        made,
+        wires,
+        journal,
+        clock=clock,
+        modem=modem_of(modem, made, clock),
+        drivers=sensors,
+        options=options,
     )
     time_of = (
         "the channel's"
@@ -137,6 +155,8 @@ def node(
         wires.close()
         if journal is not None:
             journal.close()
+    for driver in sensors:
+        say(f"nmea: {_counts(driver.counts)}")
     say(f"{made.name}: ended at {service.node.now_ns / 1e9:.3f} s; {_counts(service.node.counts)}")
     if black_box is not None and state is not None:
         _write_black_box(state, made, black_box)
@@ -207,6 +227,13 @@ def watch(
     peer: PeerOption = None,
     bind: BindOption = None,
     as_json: Annotated[bool, typer.Option("--json", help="The nodes' messages as lines on stdout.")] = False,
+    rerun: Annotated[bool, typer.Option("--rerun", help="The live replay view in a Rerun viewer.")] = False,
+    rerun_url: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL", help="The live view in the viewer that runs there (rerun+http://…/proxy)."
+        ),
+    ] = None,
     until_s: Annotated[
         float | None, typer.Option("--for", min=0.0, metavar="S", help="End after so long; else by Ctrl-C.")
     ] = None,
@@ -214,14 +241,26 @@ def watch(
     """Show what the nodes say: position, sigma, last heard, slots, alarms."""
     from uwcoop import scenario as scenarios
     from uwcoop.onboard.transports import open_transport
-    from uwcoop.report.onboard_table import watch_lines, watch_table
+    from uwcoop.report.onboard_table import watch_drawn, watch_lines, watch_table
 
-    names = tuple(vehicle.name for vehicle in scenarios.load(scenario).team)
+    if as_json and (rerun or rerun_url is not None):
+        raise typer.BadParameter("lines or the view, not both", param_hint="--json, --rerun")
+    team = scenarios.load(scenario).team
+    names = tuple(vehicle.name for vehicle in team)
     addresses = _addresses(names, base_port, peer)
     own = addresses.pop("watch")
     wires = open_transport(transport, "watch", own if bind is None else _address(bind), addresses)
     try:
-        (watch_lines if as_json else watch_table)(wires, names, until_s)
+        if rerun or rerun_url is not None:
+            from uwcoop.onboard.vehicle import empty_mission
+            from uwcoop.viewer.live import spawn_viewer
+
+            drawn = spawn_viewer(
+                names, [vehicle.depth_m for vehicle in team], empty_mission(scenario).chart, rerun_url
+            )
+            watch_drawn(wires, drawn.take, until_s)
+        else:
+            (watch_lines if as_json else watch_table)(wires, names, until_s)
     finally:
         wires.close()
 
@@ -238,18 +277,6 @@ def black_box(
     from uwcoop.onboard.vehicle import VehicleNavigator
 
     _write_black_box(state, VehicleNavigator.from_scenario(scenario, vehicle, navigator, seed=seed), output)
-
-
-def _modem(text: str | None, made: VehicleNavigator, clock: SystemClock | None) -> Modem | None:
-    from uwcoop.onboard.lines import open_line
-    from uwcoop.onboard.micromodem import Micromodem
-
-    if text is None:
-        return None
-    kind, _, device = text.partition(":")
-    if kind != "micromodem" or clock is None:
-        raise typer.BadParameter("must be micromodem:DEVICE, and needs --epoch", param_hint="--modem")
-    return Micromodem(open_line(device), made.mission, made.index, clock.now_ns, clock.epoch_ns)
 
 
 def _write_black_box(state: Path, made: VehicleNavigator, path: Path) -> None:

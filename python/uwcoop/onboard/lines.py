@@ -1,4 +1,4 @@
-"""Lines of text to and from a device: a serial port, or TCP. Nothing here waits."""
+"""Lines of text to and from a device: a serial port, TCP, or UDP that is listened to. Nothing here waits."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from typing import Protocol
 from uwcoop.errors import ScenarioError
 from uwcoop.onboard.transports import address_of
 
-__all__ = ["Line", "SerialLine", "TcpLine", "open_line"]
+__all__ = ["Line", "SerialLine", "TcpLine", "UdpLine", "open_line"]
 
 LINE_LIMIT_BYTES = 4096
 """Of one line; longer ones are dropped whole."""
+_DATAGRAMS_AT_ONCE = 64
 _BAUDS = (1200, 2400, 4800, 9600, 19200, 38400, 57600, 115200)
 
 
@@ -75,6 +76,40 @@ class TcpLine:
         self._socket.close()
 
 
+class UdpLine:
+    """Devices that send datagrams of lines to this machine. Whoever reaches the address is believed."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Listen.
+
+        Raises:
+            ScenarioError: the address cannot be had.
+        """
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.bind((host, port))
+        except OSError as error:
+            self._socket.close()
+            raise ScenarioError(f"UDP {host}:{port} cannot be had: {error}") from None
+
+    def write(self, line: str) -> None:
+        raise ScenarioError("a UDP line is listened to: there is nobody to write to")
+
+    def read(self) -> list[str]:
+        found: list[str] = []
+        for _ in range(_DATAGRAMS_AT_ONCE):
+            try:
+                datagram = self._socket.recv(65535)
+            except BlockingIOError:
+                break
+            found += _Splitter().lines(datagram + b"\n")
+        return found
+
+    def close(self) -> None:
+        self._socket.close()
+
+
 class SerialLine:
     """A device on a serial port: 8 data bits, no parity, 1 stop bit."""
 
@@ -113,7 +148,7 @@ class SerialLine:
 
 
 def open_line(text: str) -> Line:
-    """The device in `tcp:HOST:PORT` or `serial:PATH:BAUD`.
+    """The device in `tcp:HOST:PORT`, `udp:HOST:PORT` (listened to) or `serial:PATH:BAUD`.
 
     Raises:
         ScenarioError: another form, or a device that is not there.
@@ -121,7 +156,11 @@ def open_line(text: str) -> Line:
     kind, _, place = text.partition(":")
     if kind == "tcp":
         return TcpLine(*address_of(place))
+    if kind == "udp":
+        return UdpLine(*address_of(place))
     path, _, baud = place.rpartition(":")
     if kind == "serial" and path and baud.isdigit():
         return SerialLine(path, int(baud))
-    raise ScenarioError(f"device {text!r} is not of the form tcp:HOST:PORT or serial:PATH:BAUD")
+    raise ScenarioError(
+        f"device {text!r} is not of the form tcp:HOST:PORT, udp:HOST:PORT or serial:PATH:BAUD"
+    )

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING
 
 from uwcoop import _native
 from uwcoop.errors import ScenarioError
+from uwcoop.onboard.times_of_day import mission_ns_of_day
 
 if TYPE_CHECKING:
     from uwcoop._native import Event
@@ -36,7 +37,6 @@ __all__ = ["Micromodem", "fields_of", "sentence"]
 
 _ALL = 15
 _SECOND_NS = 1_000_000_000
-_DAY_NS = 86_400 * _SECOND_NS
 _RATES = {32: 0, 64: 1, 256: 5}
 """Packet type by bytes in a frame: FSK 80 bit/s, PSK 250 and 5300 bit/s."""
 
@@ -188,12 +188,4 @@ class Micromodem:
         return _native.Event(max(self._now_ns(), self._toa_ns), self._vehicle, "reception", **fields)
 
     def _mission_ns(self, text: str) -> int:
-        """Mission time of a time of day, HHMMSS.ssss UTC: the one that is nearest to now."""
-        whole, _, fraction = text.partition(".")
-        if len(whole) != 6 or not whole.isdigit() or (fraction and not fraction.isdigit()):
-            raise ValueError(text)
-        seconds = int(whole[:2]) * 3600 + int(whole[2:4]) * 60 + int(whole[4:])
-        of_day_ns = seconds * _SECOND_NS + int(fraction[:9].ljust(9, "0") if fraction else 0)
-        now_ns = self._now_ns() + self._epoch_ns
-        day_ns = (now_ns - of_day_ns + _DAY_NS // 2) // _DAY_NS * _DAY_NS
-        return day_ns + of_day_ns - self._epoch_ns
+        return mission_ns_of_day(text, self._now_ns(), self._epoch_ns)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from uwcoop.errors import LogError, NavigatorError, UwcoopError
 from uwcoop.missionlog.model import EVENT_COLUMNS
-from uwcoop.onboard.messages import Message, event_message, event_of, integer
+from uwcoop.onboard.messages import Message, encode, event_message, event_of, integer
 
 if TYPE_CHECKING:
     from uwcoop._native import Event
@@ -27,6 +27,8 @@ SECOND_NS = 1_000_000_000
 _SENSOR, _RECEPTION, _TRANSMIT, _ROLE, _SAMPLE = range(5)
 _ROLES = {"landed", "lifted_off", "role_taken"}
 _KINDS = {kind: index for index, kind in enumerate([*EVENT_COLUMNS, "reception", "delivered"])}
+RECENT_NS = 60 * SECOND_NS
+"""For so long events are known again: a datagram that came twice is fused once."""
 QUEUE_LIMIT = 20_000
 """Events that wait at most: a source that runs away must not fill the memory."""
 
@@ -63,6 +65,7 @@ class Node:
         self._silent_ns = round(silent_after_s * SECOND_NS)
         self._queue: list[tuple[Key, int, Event]] = []
         self._arrivals = 0
+        self._recent: dict[bytes, int] = {}
         self._slot = 0
         self._next_sample_ns = 0
         self.done: Key = (-1, 0, 0)
@@ -97,8 +100,18 @@ class Node:
     def take(self, event: Event) -> bool:
         """Queue an event of this vehicle until `advance` passes its time; False if it is not taken."""
         key = _key(event)
-        if event.vehicle != self.vehicle.index or event.t_ns < 0:
+        if event.vehicle != self.vehicle.index:
             self.counts["misaddressed"] += 1
+            return False
+        if not 0 <= event.t_ns <= self.vehicle.mission.duration_ns:
+            self.counts["before the start" if event.t_ns < 0 else "after the end"] += 1
+            return False
+        line = encode(event_message(event))
+        if line in self._recent:  # it would count as new knowledge
+            self.counts["duplicate"] += 1
+            self.alarm(
+                "duplicate event", f"{event.kind} at {event.t_ns / SECOND_NS:.3f} s came twice; used once"
+            )
             return False
         if key < self.done:
             self._late(event)
@@ -107,6 +120,7 @@ class Node:
             self.alarm("queue full", f"{QUEUE_LIMIT} events wait: a source is ahead of the clock")
             self.counts["overflowed"] += 1
             return False
+        self._remember(line, event.t_ns)
         self._arrivals += 1
         heapq.heappush(self._queue, (key, self._arrivals, event))
         return True
@@ -167,6 +181,12 @@ class Node:
                 "alarm": name, "raised": raised, "text": text,
             }
         )  # fmt: skip
+
+    def _remember(self, line: bytes, t_ns: int) -> None:
+        self._recent[line] = t_ns
+        oldest_ns = self.now_ns - RECENT_NS
+        while len(self._recent) > QUEUE_LIMIT or self._recent[next(iter(self._recent))] < oldest_ns:
+            del self._recent[next(iter(self._recent))]
 
     def _late(self, event: Event) -> None:
         # The place of the core's window of late events: until it is there, a late one is not used.
@@ -284,6 +304,7 @@ class Node:
     def _repeat(self, line: Message) -> None:
         if line["type"] == "event":
             event = event_of(line)
+            self._remember(encode(line), event.t_ns)
             self._handle(event, _key(event))
         elif line["type"] == "slot":
             tol_ns = integer(line, "tol_ns")

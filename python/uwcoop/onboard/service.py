@@ -146,13 +146,14 @@ class NodeService:
             if source == "watch":
                 raise MessageError("the watch sends no events")
             event = event_of(message)
-            if source == "channel":
-                self._taken += 1
-            elif event.kind in {"reception", "delivered"}:
+            if source != "channel" and event.kind in {"reception", "delivered"}:
                 raise MessageError(f"{source} sent a {event.kind}: that is the modem's")
             if self.clock is not None and event.t_ns > self.clock.now_ns() + 60 * SECOND_NS:
                 raise MessageError(f"{event.kind} is stamped more than 60 s ahead of the clock")
+            copies = self.node.counts["duplicate"]
             self.node.take(event)
+            if source == "channel" and self.node.counts["duplicate"] == copies:
+                self._taken += 1
         elif source != "channel":
             raise MessageError(f"{source} sent {kind[:20]!r}: that is the channel's")
         elif kind == "clock" and self.clock is None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from uwcoop.onboard.messages import Message, MessageError, decode
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from uwcoop.onboard.transports import Transport
 
-__all__ = ["Watched", "watch_lines", "watch_table"]
+__all__ = ["Watched", "watch_drawn", "watch_lines", "watch_table"]
 
 
 class Watched:
@@ -82,6 +83,13 @@ class Watched:
             f"{now_s:.0f}", _metres(east_m), _metres(north_m), _metres(sigma_m), said["status"],
             ", ".join(heard) or "-", str(counts.get("sent", 0)), str(counts.get("missed", 0)), alarms,
         ]  # fmt: skip
+
+
+def watch_drawn(transport: Transport, take: Callable[[str, Message], None], until_s: float | None) -> None:
+    """Every message goes to `take`, with the name of its sender."""
+    for source, message in _messages(transport, until_s):
+        with contextlib.suppress(KeyError, TypeError, ValueError):  # of another version, or damaged
+            take(source, message)
 
 
 def watch_lines(transport: Transport, names: Sequence[str], until_s: float | None) -> None:

@@ -36,7 +36,7 @@ def send(
     recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     if stage.exaggeration != 1:
         recording.log(stage.root, rr.Transform3D(scale=[1, 1, stage.exaggeration]), static=True)
-    _seabed(recording, stage, chart)
+    seabed(recording, stage, chart)
     truth = stage.positions(stage.truth_m)
     for j, vehicle in enumerate(stage.vehicles):
         _true_vehicle(recording, stage, vehicle, truth[j], stage.yaw_rad[j])
@@ -53,7 +53,8 @@ def send(
 # ---------------------------------------------------------------------------------------------- seabed
 
 
-def _seabed(recording: Any, stage: Stage, chart: Chart | None) -> None:
+def seabed(recording: Any, stage: Stage, chart: Chart | None) -> None:
+    """The chart in the window, and the border of the surface."""
     import rerun as rr
 
     if chart is not None:

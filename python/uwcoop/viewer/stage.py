@@ -62,7 +62,7 @@ class Stage:
             depth_m=depth,
             window=window,
             deepest_m=deepest_m,
-            exaggeration=_exaggeration(side, deepest_m),
+            exaggeration=exaggeration(side, deepest_m),
         )
 
     @property
@@ -133,7 +133,7 @@ def _open_window(points: Floats) -> tuple[float, float, float, float]:
     return float(low[0] - pad), float(high[0] + pad), float(low[1] - pad), float(high[1] + pad)
 
 
-def _exaggeration(side_m: float, deepest_m: float) -> int:
+def exaggeration(side_m: float, deepest_m: float) -> int:
     """The factor of 1, 2, 5, ... that draws the deepest water at most a sixth of the scene's side deep."""
     wanted = side_m / (6 * max(deepest_m, 1e-3))
     return max((k for k in (1, 2, 5, 10, 20, 50) if k <= wanted), default=1)

@@ -12,6 +12,7 @@
 mod body_error;
 mod current;
 mod heading;
+mod held_velocity;
 mod in_force;
 mod readings;
 #[cfg(test)]
@@ -23,6 +24,7 @@ use crate::navigator::drift::Drift;
 use body_error::BodyError;
 use current::LearntCurrent;
 use heading::HeadingFilter;
+use held_velocity::HeldVelocity;
 
 /// A vector in the plane.
 type Plane = [f64; 2];
@@ -113,6 +115,7 @@ struct OdometryRecord {
 pub struct FrontEnd {
     errors: DvlErrors,
     command_mps: Option<Plane>,
+    held: HeldVelocity,
     heading: HeadingFilter,
     ground: Option<Lock>,
     water: Option<Lock>,
@@ -133,6 +136,7 @@ impl FrontEnd {
         Self {
             errors: drift.dvl,
             command_mps: None,
+            held: HeldVelocity::default(),
             heading: HeadingFilter::default(),
             ground: None,
             water: None,
@@ -156,6 +160,13 @@ impl FrontEnd {
     #[must_use]
     pub fn over_ground(&self) -> bool {
         self.source == Source::Ground
+    }
+
+    /// What the position's variance grows by on each axis between two instants because the command is too old to be
+    /// believed, m².
+    #[must_use]
+    pub fn out_of_force_m2(&self, from_ns: i64, to_ns: i64) -> f64 {
+        if self.source == Source::Command { self.held.drift_m2(from_ns, to_ns) } else { 0.0 }
     }
 
     /// How the position drifts with what is in force: `drift` for a velocity through the water.

@@ -19,6 +19,7 @@ impl FrontEnd {
         match payload {
             Payload::Motion { velocity_mps } => {
                 self.command_mps = Some(*velocity_mps);
+                self.held.renew(t_ns, *velocity_mps);
                 Taken::Used
             }
             Payload::Heading { yaw_rad, sigma_rad } => {

@@ -103,8 +103,9 @@ impl DeadReckoning {
         Ok(Self { own, vehicles, drift, core })
     }
 
-    /// Mean and covariance moved ahead by `dt_s` with the velocity in force.
-    fn predicted(&self, dt_s: f64) -> (ReckoningVector, Covariance) {
+    /// Mean and covariance moved from `now_ns` to `t_ns` with the velocity in force.
+    fn predicted(&self, now_ns: i64, t_ns: i64) -> (ReckoningVector, Covariance) {
+        let dt_s = seconds(t_ns.saturating_sub(now_ns));
         let (velocity, drift) = (self.core.motion.velocity_mps(), &self.core.drift_in_force);
         let mut transition = Covariance::identity();
         let map = displacement_map::<4>(velocity, dt_s);
@@ -120,8 +121,9 @@ impl DeadReckoning {
         // Looking back, what has happened since is not taken away again: a covariance stays one.
         let walked_s = dt_s.max(0.0);
         let walk = drift.position_walk(walked_s);
-        covariance[(0, 0)] += walk[0];
-        covariance[(1, 1)] += walk[2];
+        let old_m2 = self.core.motion.out_of_force_m2(now_ns, t_ns);
+        covariance[(0, 0)] += walk[0] + old_m2;
+        covariance[(1, 1)] += walk[2] + old_m2;
         let linear = drift.walk::<4>(walked_s);
         for k in 0..4 {
             covariance[(2 + k, 2 + k)] += linear[(k, k)];
@@ -170,7 +172,7 @@ impl DeadReckoning {
             && t_ns > now_ns
         {
             let dt_s = seconds(t_ns.saturating_sub(now_ns));
-            (self.core.mean, self.core.covariance) = self.predicted(dt_s);
+            (self.core.mean, self.core.covariance) = self.predicted(now_ns, t_ns);
             let [e, n] = self.core.motion.velocity_mps();
             self.core.motion.moved([e * dt_s, n * dt_s]);
         }
@@ -246,7 +248,7 @@ impl Navigator for DeadReckoning {
         let core = &self.core;
         let (mean, covariance, status) = match (core.started, core.now_ns) {
             (true, Some(now_ns)) => {
-                let (mean, covariance) = self.predicted(seconds(t_ns.saturating_sub(now_ns)));
+                let (mean, covariance) = self.predicted(now_ns, t_ns);
                 (
                     [mean[0], mean[1]],
                     [covariance[(0, 0)], covariance[(0, 1)], covariance[(1, 1)]],

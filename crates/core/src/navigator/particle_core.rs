@@ -124,6 +124,15 @@ impl<const K: usize> ParticleCore<K> {
         self.status != Status::NotStarted
     }
 
+    /// Process noise of the position from now to `t_ns`, [ee, en, nn], m²: the walk, and a velocity that is out of force.
+    #[must_use]
+    pub fn position_walk_to(&self, t_ns: i64) -> [f64; 3] {
+        let Some(now_ns) = self.now_ns() else { return [0.0; 3] };
+        let [ee, en, nn] = self.drift_in_force.position_walk(seconds(t_ns.saturating_sub(now_ns)));
+        let held_m2 = self.motion.out_of_force_m2(now_ns, t_ns);
+        [ee + held_m2, en, nn + held_m2]
+    }
+
     /// A stream that no other use shares.
     pub fn next_stream(&mut self, purpose: Purpose) -> Stream {
         self.step = self.step.wrapping_add(1);
@@ -149,11 +158,12 @@ impl<const K: usize> ParticleCore<K> {
                 mean_step[0] += map[0][k] * c;
                 mean_step[1] += map[1][k] * c;
             }
+            let walk = self.position_walk_to(t_ns);
             let step = prepare_step(
                 &mut self.covariance,
                 self.velocity_mps,
                 dt_s,
-                self.drift_in_force.position_walk(dt_s),
+                walk,
                 &self.drift_in_force.walk(dt_s),
             );
             let stream = self.next_stream(Purpose::Process);
@@ -316,7 +326,7 @@ impl<const K: usize> ParticleCore<K> {
             estimate.mean_m[a] += self.velocity_mps[a] * dt_s + moved[a];
         }
         let added = drift + coupled + coupled.transpose();
-        let walk = self.drift_in_force.position_walk(dt_s);
+        let walk = self.position_walk_to(estimate.t_ns);
         estimate.covariance_m2[0] += added[(0, 0)] + walk[0];
         estimate.covariance_m2[1] += added[(0, 1)] + walk[1];
         estimate.covariance_m2[2] += added[(1, 1)] + walk[2];

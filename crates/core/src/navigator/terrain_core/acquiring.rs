@@ -84,15 +84,16 @@ impl<const K: usize> TerrainCore<K> {
 
     fn step(&mut self, t_ns: i64) -> Option<ParticleStep<K>> {
         let before_ns = self.state.core.now_ns();
+        let walk = self.state.core.position_walk_to(t_ns);
         let step = self.state.core.advance(t_ns);
         let dt_s = before_ns.map_or(0.0, |before_ns| seconds(t_ns.saturating_sub(before_ns)));
         if dt_s > 0.0 {
             let (velocity, drift) = (self.state.core.velocity_mps, *self.state.core.drift_in_force());
             if let Some(region) = &mut self.state.region {
-                region.advance(velocity, dt_s, &drift);
+                region.advance(velocity, dt_s, walk, &drift);
             }
             if let Some(acquisition) = &mut self.state.acquisition {
-                acquisition.advance(velocity, dt_s, &drift, &mut self.state.core);
+                acquisition.advance(velocity, dt_s, walk, &drift, &mut self.state.core);
             }
         }
         step

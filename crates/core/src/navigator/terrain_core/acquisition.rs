@@ -143,10 +143,16 @@ impl<const K: usize> Acquisition<K> {
         self.spacing_m = (self.area_m2 / self.cloud.ess()).sqrt();
     }
 
-    /// Propagates the particles.
-    pub fn advance(&mut self, velocity_mps: [f64; 2], dt_s: f64, drift: &Drift, core: &mut ParticleCore<K>) {
-        let (position, linear) = (drift.position_walk(dt_s), drift.walk(dt_s));
-        let step = prepare_step(&mut self.covariance, velocity_mps, dt_s, position, &linear);
+    /// Propagates the particles; `walk_m2`: process noise of the position, [ee, en, nn].
+    pub fn advance(
+        &mut self,
+        velocity_mps: [f64; 2],
+        dt_s: f64,
+        walk_m2: [f64; 3],
+        drift: &Drift,
+        core: &mut ParticleCore<K>,
+    ) {
+        let step = prepare_step(&mut self.covariance, velocity_mps, dt_s, walk_m2, &drift.walk(dt_s));
         self.cloud.propagate(&step, &core.next_stream(Purpose::Acquisition));
     }
 

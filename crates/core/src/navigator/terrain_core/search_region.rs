@@ -61,11 +61,11 @@ impl<const K: usize> SearchRegion<K> {
         }
     }
 
-    /// Dead reckoning over `dt_s` with the commanded velocity.
-    pub fn advance(&mut self, velocity_mps: [f64; 2], dt_s: f64, drift: &Drift) {
+    /// Dead reckoning over `dt_s` with the commanded velocity; `walk_m2`: process noise of the position, [ee, en, nn].
+    pub fn advance(&mut self, velocity_mps: [f64; 2], dt_s: f64, walk_m2: [f64; 3], drift: &Drift) {
         let map = displacement_map::<K>(velocity_mps, dt_s);
         let f = SMatrix::<f64, 2, K>::from_fn(|r, c| map[r][c]);
-        let [ee, en, nn] = drift.position_walk(dt_s);
+        let [ee, en, nn] = walk_m2;
         self.mean_m += Vector2::from(velocity_mps) * dt_s + f * self.linear;
         let coupled = f * self.cross.transpose();
         self.position += coupled
