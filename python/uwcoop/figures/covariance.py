@@ -52,6 +52,7 @@ def covariance_figure(
     *,
     navigators: Sequence[str] | None = None,
     waypoints: int = WAYPOINTS,
+    parts: Sequence[str] = ("map", "time"),
 ) -> Figure:
     """95 % ellipses at waypoints along the paths, beside their aspect ratio, trace and the bearings of ranges.
 
@@ -67,6 +68,7 @@ def covariance_figure(
         navigators: which to overlay; None: the first `MOST_NAVIGATORS`, those that hear packets before the
             others.
         waypoints: ellipses along each path, evenly in time.
+        parts: "map" for the ellipses, "time" for what is over time.
 
     Raises:
         TracksError: an unknown navigator, or tracks without a covariance.
@@ -80,13 +82,33 @@ def covariance_figure(
     centre = _centres(tracks, shown)
     at = [spread_evenly(path, waypoints) for path in centre]
     heard = None if packets is None else bearings(tracks, packets, shown)
-    rows = tracks.sizes["vehicle"]
-    figure = figure_class(figsize=(16.5, max(6.6, 1.9 * rows + 1.6)), dpi=DPI, layout="constrained")
-    parts: Any = figure.subfigures(1, 2, width_ratios=(0.9, 1.1), wspace=0.03)
-    left, right = parts
-    _draw_map(left, tracks, chart, shown, centre, at)
+    high = max(6.6, 1.9 * tracks.sizes["vehicle"] + 1.6)
+    widths = {"map": 7.4, "time": 9.1}
+    figure = figure_class(figsize=(sum(widths[part] for part in parts), high), dpi=DPI, layout="constrained")
+    drawn: Any = figure.subfigures(
+        1, len(parts), squeeze=False, width_ratios=[widths[part] for part in parts], wspace=0.03
+    )
+    for part, name in zip(drawn[0], parts, strict=True):
+        if name == "map":
+            _draw_map(part, tracks, chart, shown, centre, at)
+        else:
+            _draw_panels(part, tracks, shown, at, aspect, trace, heard)
+    _legend(figure, tracks, shown, heard)
+    figure.suptitle(_title(tracks, shown), fontsize=12)
+    return figure
+
+
+def _draw_panels(
+    part: SubFigure,
+    tracks: xr.Dataset,
+    shown: Sequence[int],
+    at: Sequence[NDArray[np.intp]],
+    aspect: Floats,
+    trace: Floats,
+    heard: Mapping[str, NDArray[Any]] | None,
+) -> None:
     columns = 3 if heard is not None and len(heard["toa_s"]) else 2
-    panels = right.subplots(rows, columns, squeeze=False, sharex=True)
+    panels = part.subplots(tracks.sizes["vehicle"], columns, squeeze=False, sharex=True)
     time = tracks["time"].values
     scales = [axis_of(aspect[shown], 1.0), axis_of(trace[shown], None)]
     for j, vehicle in enumerate(tracks["vehicle"].values):
@@ -106,9 +128,6 @@ def covariance_figure(
         axes.set_title(text, fontsize=10, pad=16)
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
-    _legend(figure, tracks, shown, heard)
-    figure.suptitle(_title(tracks, shown), fontsize=12)
-    return figure
 
 
 def magnification(semi_axes_m: Floats, navigator: Floats, size_m: float) -> float:
@@ -241,6 +260,6 @@ def _legend(
             for s in np.unique(heard["sender"])
         ]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=min(len(handles), 9), fontsize=8, frameon=False,
-        handlelength=3.2,
+        handles=handles, loc="outside lower center", fontsize=8, frameon=False, handlelength=3.2,
+        ncols=min(len(handles), round(figure.get_figwidth() / 1.8)),
     )  # fmt: skip

@@ -61,6 +61,12 @@ def share_worse(study: Any, navigator: str, than: str, column: str = "final_erro
     return float(np.mean([own > other for own, other in pairs]))
 
 
+def vehicles_rmse(study: Any, navigator: str, vehicles: Sequence[str]) -> float:
+    """Median over runs and these vehicles of the RMS error, m."""
+    own = [row for row in study.rows if row["navigator"] == navigator and row["vehicle"] in vehicles]
+    return float(np.median([row["rmse_m"] for row in own]))
+
+
 def difference(run: Any, navigator: str, reference: str, window_s: Sequence[float]) -> float:
     """Largest difference of two navigators' positions at the times of arrival, m."""
     pair = run.tracks.sel(navigator=[navigator, reference])
@@ -153,6 +159,11 @@ def silence(run: Any, vehicle: str, navigator: str) -> float:
     return float(np.median(np.diff(np.sort(packets["toa_ns"][own]))) / 1e9)
 
 
+def slot_s(run: Any) -> float:
+    """Median time between two launches, whoever sends, s."""
+    return float(np.median(np.diff(np.sort(run.log.slots["tol_ns"]))) / 1e9)
+
+
 def counted(run: Any, navigator: str, counter: str) -> float:
     """What a navigator counted by the end, all vehicles together."""
     return float(np.nansum(run.tracks[counter].sel(navigator=navigator).values[:, -1]))
@@ -220,9 +231,9 @@ def compression(costs: Any, particles: int) -> float:
 MEASURES: dict[str, Callable[..., float]] = {
     each.__name__: each
     for each in (
-        pooled, ratio, variants_ratio, share_worse, difference, rms_error, error_ratio, largest_error, sigma,
-        sigma_apart, trace_ratio, aspect, received_share, event_rate, silence, counted, information_ratio, offset,
-        offset_ratio, exchanges, yaw, speed_rate, compression,
+        pooled, ratio, variants_ratio, share_worse, vehicles_rmse, difference, rms_error, error_ratio, largest_error,
+        sigma, sigma_apart, trace_ratio, aspect, received_share, event_rate, silence, slot_s, counted,
+        information_ratio, offset, offset_ratio, exchanges, yaw, speed_rate, compression,
     )
 }  # fmt: skip
 """By name."""
