@@ -25,6 +25,7 @@ import uwcoop
 from uwcoop import scenario
 from uwcoop.errors import UwcoopError
 from uwcoop.evaluation import metrics
+from uwcoop.navigators import options_of
 from uwcoop.world.simulate import simulate
 
 Table = list[Sequence[str]]
@@ -52,7 +53,11 @@ def main() -> None:
     if arguments.table != "page":
         print("\n".join(TABLES[arguments.table](arguments).values()))
         return
-    found = {"machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"}
+    lags = options_of("mdeif").model_dump()["exact_lags"]
+    found = {
+        "exact_lags": str(lags),
+        "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
+    }
     for name, made in TABLES.items():
         print(name, flush=True)
         found |= made(arguments)

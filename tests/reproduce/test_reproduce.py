@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from uwcoop import scenario
@@ -11,7 +13,7 @@ from uwcoop.errors import ScenarioError
 from uwcoop.navigators import options_of
 from uwcoop.reproduce import PAPERS, load_paper, reproduce, runner
 from uwcoop.reproduce.manifest import Check, Figure, Flown, Paper
-from uwcoop.reproduce.measures import MEASURES
+from uwcoop.reproduce.measures import MEASURES, measure
 from uwcoop.reproduce.page import write_page
 from uwcoop.reproduce.pictures import PICTURES
 from uwcoop.reproduce.report import write_report
@@ -135,6 +137,24 @@ def test_studies_compared_tables_and_page(tmp_path: Path, monkeypatch: pytest.Mo
     assert "| current.speed_mps | navigator | final error, median (m) |" in text
     small, whole = tmp_path / "docs" / pages[1], tmp_path / "out" / "small-section-7.png"
     assert whole.stat().st_size > small.stat().st_size > 5_000
+
+
+def test_interval_of_a_ratio_needs_more_than_luck() -> None:
+    rng = np.random.default_rng(1)
+
+    def study(factor: float, runs: int) -> SimpleNamespace:
+        rows = [
+            {"navigator": name, "seed": seed, "vehicle": vehicle, "rmse_m": scale * rng.lognormal(0.0, 0.5)}
+            for name, scale in (("one", 1.0), ("two", factor))
+            for seed in range(runs)
+            for vehicle in ("V1", "V2")
+        ]
+        return SimpleNamespace(rows=rows)
+
+    asked = {"navigator": "two", "to": "one", "column": "rmse_m"}
+    assert measure("ratio_high", study(0.5, 40), asked) < 1
+    assert measure("ratio_high", study(0.95, 5), asked) > 1
+    assert measure("ratio_high", study(1.2, 40), asked) > 1.2
 
 
 def test_no_run_is_refused(tmp_path: Path) -> None:

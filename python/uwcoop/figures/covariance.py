@@ -93,8 +93,8 @@ def covariance_figure(
             _draw_map(part, tracks, chart, shown, centre, at)
         else:
             _draw_panels(part, tracks, shown, at, aspect, trace, heard)
-    _legend(figure, tracks, shown, heard)
-    figure.suptitle(_title(tracks, shown), fontsize=12)
+    _legend(figure, tracks, shown, heard if "time" in parts else None, paths="map" in parts)
+    figure.suptitle(_title(tracks, shown, parts), fontsize=12)
     return figure
 
 
@@ -231,14 +231,20 @@ def _mark_waypoints(axes: Axes, times: Floats, *, numbered: bool) -> None:
             )  # fmt: skip
 
 
-def _title(tracks: xr.Dataset, shown: Sequence[int]) -> str:
+def _title(tracks: xr.Dataset, shown: Sequence[int], parts: Sequence[str]) -> str:
     others = [str(n) for i, n in enumerate(tracks["navigator"].values) if i not in shown]
     left = f"\nnot shown: {', '.join(others)}" if others else ""
-    return f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}: error covariances and bearings of ranges{left}"
+    what = "error covariances" + (" and bearings of ranges" if "time" in parts else "")
+    return f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}: {what}{left}"
 
 
 def _legend(
-    figure: Figure, tracks: xr.Dataset, shown: Sequence[int], heard: Mapping[str, NDArray[Any]] | None
+    figure: Figure,
+    tracks: xr.Dataset,
+    shown: Sequence[int],
+    heard: Mapping[str, NDArray[Any]] | None,
+    *,
+    paths: bool,
 ) -> None:
     from matplotlib.lines import Line2D
 
@@ -253,6 +259,7 @@ def _legend(
             label=f"{name}: path, waypoints",
         )
         for j, name in enumerate(tracks["vehicle"].values)
+        if paths
     ]  # fmt: skip
     if heard is not None:
         handles += [

@@ -128,7 +128,7 @@ def particles_figure(log: MissionLog, around: xr.Dataset, navigator: str) -> Fig
                 ]
             )
         )
-    view = frame_around(np.vstack(kept), 1.0)
+    view = frame_around(np.vstack(kept), 1.6)
     axes.set(xlim=view[:2], ylim=view[2:], aspect="equal", xlabel="east (m)", ylabel="north (m)")
     axes.plot([], [], ls="", marker="+", ms=10, mew=1.8, color="#111111", label="measured by the landmark")
     axes.plot([], [], ls="", marker="x", ms=7, color="#B00020", label="true position")

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["MEASURES", "measure"]
 
+DRAWS = 2000
+"""Of a bootstrap."""
+
 
 def measure(name: str, flown: Any, arguments: dict[str, Any]) -> float:
     """The number of one check.
@@ -49,6 +52,17 @@ def variants_ratio(
 ) -> float:
     """A column of one variant over that of another."""
     return pooled(study, navigator, column, where) / pooled(study, navigator, column, to)
+
+
+def ratio_high(study: Any, navigator: str, to: str, column: str) -> float:
+    """Upper end of the 95 % interval of one navigator's median over another's, by drawing the runs anew (bootstrap)."""
+    by: dict[str, dict[int, list[float]]] = {navigator: {}, to: {}}
+    for row in study.rows:
+        if row["navigator"] in by:
+            by[row["navigator"]].setdefault(row["seed"], []).append(row[column])
+    own, other = (np.array([values for _, values in sorted(by[name].items())]) for name in (navigator, to))
+    drawn = np.random.default_rng(0).integers(0, len(own), (DRAWS, len(own)))
+    return float(np.quantile([np.median(own[at]) / np.median(other[at]) for at in drawn], 0.975))
 
 
 def share_worse(study: Any, navigator: str, than: str, column: str = "final_error_m") -> float:
@@ -231,8 +245,8 @@ def compression(costs: Any, particles: int) -> float:
 MEASURES: dict[str, Callable[..., float]] = {
     each.__name__: each
     for each in (
-        pooled, ratio, variants_ratio, share_worse, vehicles_rmse, difference, rms_error, error_ratio, largest_error,
-        sigma, sigma_apart, trace_ratio, aspect, received_share, event_rate, silence, slot_s, counted,
+        pooled, ratio, ratio_high, variants_ratio, share_worse, vehicles_rmse, difference, rms_error, error_ratio,
+        largest_error, sigma, sigma_apart, trace_ratio, aspect, received_share, event_rate, silence, slot_s, counted,
         information_ratio, offset, offset_ratio, exchanges, yaw, speed_rate, compression,
     )
 }  # fmt: skip

@@ -6,8 +6,7 @@ import hashlib
 import json
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, dataclass
 from functools import partial
 from importlib.metadata import version
@@ -143,9 +142,12 @@ class _Flights:
                 continue
             mission, text = self._paper.missions[name], f"{figure.id}: {figure.title}"
             self._tell(text, 0)
-            told = partial(self._told, text)
-            with _timed(self._clock(name), mission.kind == "study"):
+            clock = _Clock(self._clock(name), mission.kind == "study")
+            told = partial(self._told, text, clock)
+            try:
                 self.flown[name] = _fly(mission, self._folder / name, self._scope, told)
+            finally:
+                clock.keep()
             self._done += self._scope.missions_of(mission)
             self._tell(text, 0)
 
@@ -153,7 +155,8 @@ class _Flights:
         needed = {name for figure in pending for name in figure.missions}
         self.flown = {name: result for name, result in self.flown.items() if name in needed}
 
-    def _told(self, text: str, done: int, _: int) -> None:
+    def _told(self, text: str, clock: _Clock, done: int, _: int) -> None:
+        clock.keep()
         self._tell(text, done)
 
     def _tell(self, text: str, more: int) -> None:
@@ -161,23 +164,25 @@ class _Flights:
             self._progress(text, self._done + more, self._total)
 
 
-@contextmanager
-def _timed(clock: Path, resumes: bool) -> Iterator[None]:
-    """Keep how long the body took in a file; what resumes adds to what it took before."""
-    from uwcoop.report.atomic_files import atomic_write
+class _Clock:
+    """How long missions took, in a file that outlives a kill; what resumes adds to what it took before."""
 
-    began, before = time.monotonic(), _spent(clock) if resumes else 0.0
+    def __init__(self, path: Path, resumes: bool) -> None:
+        self._path, self._before, self._began = path, _spent(path) if resumes else 0.0, time.monotonic()
+
+    def keep(self) -> None:
+        from uwcoop.report.atomic_files import atomic_write
+        from uwcoop.report.interruption import deferred
+
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        with deferred(), atomic_write(self._path) as partial_file:
+            text = f"{self._before + time.monotonic() - self._began:.3f}\n"
+            partial_file.write_text(text, encoding="utf-8")
+
+
+def _spent(path: Path) -> float:
     try:
-        yield
-    finally:
-        clock.parent.mkdir(parents=True, exist_ok=True)
-        with atomic_write(clock) as partial_file:
-            partial_file.write_text(f"{before + time.monotonic() - began:.3f}\n", encoding="utf-8")
-
-
-def _spent(clock: Path) -> float:
-    try:
-        return float(clock.read_text(encoding="utf-8"))
+        return float(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return 0.0
 
