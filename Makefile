@@ -1,5 +1,5 @@
 # The whole vocabulary. Every target does its own set-up on a machine with git, make, Python >= 3.11 and cargo.
-.PHONY: build demo test bench lint lock docs study fuzz hostile sanitize miri wheel clean
+.PHONY: build demo test bench lint lock docs study papers fuzz hostile sanitize miri wheel clean
 .DEFAULT_GOAL := build
 
 UV := .tools/bin/uv
@@ -62,7 +62,12 @@ study: build                ## the long tests and the studies behind docs/result
 	.venv/bin/python studies/results.py
 	.venv/bin/python studies/compare.py --real-runs 8
 	.venv/bin/python studies/alternating_landmark.py
-	for paper in tan2016 matsuda2017 walls2012; do .venv/bin/uwcoop reproduce $$paper -o reproduced/$$paper || exit 2; done
+
+PAPER_RUNS ?= 20
+papers: build               ## the three papers: docs/results/ and docs/images/ written from what is flown; goes on where it was cut off
+	.venv/bin/uwcoop reproduce walls2012 -o reproduced/walls2012 --docs docs
+	.venv/bin/uwcoop reproduce matsuda2017 -o reproduced/matsuda2017 --docs docs
+	.venv/bin/uwcoop reproduce tan2016 --runs $(PAPER_RUNS) -o reproduced/tan2016 --docs docs
 
 FUZZ_S ?= 600
 fuzz:                       ## hostile packets, events and snapshots for FUZZ_S seconds, overflow checks on

@@ -21,7 +21,6 @@ import numpy as np
 from uwcoop.evaluation import metrics
 from uwcoop.experiment.mission import open_mission
 from uwcoop.experiment.run import run
-from uwcoop.reproduce.cost import cost
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "results" / "alternating-landmark.md"
@@ -272,7 +271,7 @@ def recorded(runs: int, processes: int) -> dict[str, list[Row]] | None:
     return many(four(str(folder)), runs, processes)
 
 
-def page(found: Mapping[str, Mapping[str, Row]], costs: Sequence[Row]) -> str:
+def page(found: Mapping[str, Mapping[str, Row]]) -> str:
     """The page's text."""
     text = HEADER.format(
         machine=f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}"
@@ -285,13 +284,6 @@ def page(found: Mapping[str, Mapping[str, Row]], costs: Sequence[Row]) -> str:
         runs = max(row["runs"] for row in found[key].values())
         text += f"<!-- no-run: takes minutes -->\n```console\n{COMMAND}{only} --runs {runs}\n```\n\n"
         text += _table(found[key], key)
-    if costs:
-        text += COSTS.format(command=COMMAND)
-        for row in costs:
-            text += (
-                f"| {row['particles']:,} | {row['mission_s']:.3g} | {row['rate']:,.0f} | "
-                f"{1e3 * row['compression_s']:.2g} |\n"
-            )
     return text
 
 
@@ -335,7 +327,8 @@ A run's error is the root mean square over both (all) vehicles and all instants 
 first 100 s; the tables give its median over runs. *Within*: share of runs whose error is at most 0.3 m and 1.0°, what
 the paper reports. *Failed*: share of runs in which one vehicle's is above 1 m or 5°. State NEES: of east, north and
 yaw, per degree of freedom, mean over runs; ideal 1, above it overconfident. Resets: of all runs together, or
-reconstructions of particles a run. Measured on {machine}.
+reconstructions of particles a run. The paper's figures, and time against particles, are on
+[their own page](matsuda2017.md). Measured on {machine}.
 """
 RECORDED = (
     "Real robots (UTIAS MRCLAM, data set 6)",
@@ -345,20 +338,6 @@ RECORDED = (
     "Errors count after 10 s. No role is exchanged.",
     [],
 )
-COSTS = """
-## Time against particles (`landmark-paper`)
-
-CPU time of the mission of 1,070 s and of the compression at an exchange, the best of five. The paper: 10 times real
-time with 3,000 particles, 20 s for the compression of 10,000.
-
-<!-- no-run: takes minutes -->
-```console
-{command} --only cost
-```
-
-| particles | mission (s) | times real time | compression (ms) |
-|---|---|---|---|
-"""
 
 
 def main() -> None:
@@ -366,14 +345,11 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=50)
     parser.add_argument("--only", default="")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
-    parser.add_argument("--figures", type=Path, help="folder for cost.png and bytes.png")
+    parser.add_argument("--figures", type=Path, help="folder for bytes.png")
     told = parser.parse_args()
-    chosen = told.only.split(",") if told.only else [*TABLES, "recorded", "cost"]
-    kept = json.loads(KEPT.read_text()) if KEPT.is_file() else {"tables": {}, "costs": []}
+    chosen = told.only.split(",") if told.only else [*TABLES, "recorded"]
+    kept = json.loads(KEPT.read_text()) if KEPT.is_file() else {"tables": {}}
     for key in chosen:
-        if key == "cost":
-            kept["costs"] = cost("seafloor-survey", (300, 1000, 3000, 10000), repeats=5)
-            continue
         found = (
             recorded(told.runs, told.processes)
             if key == "recorded"
@@ -385,15 +361,12 @@ def main() -> None:
         PAGE.parent.mkdir(exist_ok=True)
         KEPT.write_text(json.dumps(kept, indent=1) + "\n")
     KEPT.write_text(json.dumps(kept, indent=1) + "\n")
-    PAGE.write_text(page(kept["tables"], kept["costs"]), encoding="utf-8")
-    if told.figures:
-        from uwcoop.figures.landmark_study import bytes_figure, cost_figure
+    PAGE.write_text(page(kept["tables"]), encoding="utf-8")
+    if told.figures and "bytes" in kept["tables"]:
+        from uwcoop.figures.landmark_study import bytes_figure
 
         told.figures.mkdir(exist_ok=True)
-        if kept["costs"]:
-            cost_figure(kept["costs"]).savefig(told.figures / "cost.png")
-        if "bytes" in kept["tables"]:
-            bytes_figure(kept["tables"]["bytes"].values()).savefig(told.figures / "bytes.png")
+        bytes_figure(kept["tables"]["bytes"].values()).savefig(told.figures / "bytes.png")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""The tables of docs/results/origin-state.md: consistency, equalities, bytes against accuracy, recordings.
+"""Writes docs/results/origin-state.md: consistency, equalities, bytes against accuracy, recordings.
+
+python studies/origin_state.py page DATA
 
 python studies/origin_state.py consistency --runs 50
 python studies/origin_state.py equalities --runs 20
@@ -10,6 +12,8 @@ python studies/origin_state.py speed
 from __future__ import annotations
 
 import argparse
+import os
+import platform
 import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -22,32 +26,58 @@ from uwcoop import scenario
 from uwcoop.errors import UwcoopError
 from uwcoop.evaluation import metrics
 from uwcoop.experiment.mission import open_mission
+from uwcoop.navigators import options_of
 from uwcoop.world.simulate import simulate
 
 Table = list[Sequence[str]]
+Parts = dict[str, str]
+"""Text by mark of the page."""
+
+
+HERE = Path(__file__).parent
+PAGE = HERE.parent / "docs" / "results" / "origin-state.md"
+TEXT = HERE / "origin_state_page.md"
+"""The page, a `<<mark>>` in place of each table."""
 
 
 def main() -> None:
-    """One table after another, in Markdown."""
+    """One table, or the whole page."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("table", choices=sorted(TABLES))
+    parser.add_argument("table", choices=["page", *sorted(TABLES)])
     parser.add_argument("data", nargs="?", type=Path, help="folder with goats/ and plaza/")
-    parser.add_argument("--runs", type=int, default=50)
+    parser.add_argument("--runs", type=int, help="missions of a table; else as on the page")
     arguments = parser.parse_args()
-    TABLES[arguments.table](arguments)
+    if arguments.table in ("page", "recordings") and arguments.data is None:
+        parser.error(f"{arguments.table} needs DATA, the folder with goats/ and plaza/")
+    if arguments.table != "page":
+        print("\n".join(TABLES[arguments.table](arguments).values()))
+        return
+    lags = options_of("mdeif").model_dump()["exact_lags"]
+    found = {
+        "exact_lags": str(lags),
+        "machine": f"{os.cpu_count()} cores, {platform.machine()}, Python {platform.python_version()}",
+    }
+    for name, made in TABLES.items():
+        print(name, flush=True)
+        found |= made(arguments)
+    text = TEXT.read_text(encoding="utf-8")
+    for mark, table in found.items():
+        text = text.replace(f"<<{mark}>>", table)
+    PAGE.write_text(text, encoding="utf-8")
 
 
-def consistency(arguments: argparse.Namespace) -> None:
+def consistency(arguments: argparse.Namespace) -> Parts:
     """ANEES and errors by vehicle of every navigator, and the interval of consistent ones."""
+    text, runs = "", arguments.runs or 50
     for name, spoken in (("ship-and-auv", ["auv"]), ("four-vehicle-team", None)):
-        result = uwcoop.study(name, arguments.runs)
+        result = uwcoop.study(name, runs)
         rows = [row for row in result.rows if spoken is None or row["vehicle"] in spoken]
         vehicles = len({row["vehicle"] for row in rows})
-        low, high = metrics.anees_bounds(2, arguments.runs * vehicles)
-        print(f"\n{name}, {arguments.runs} runs, {' and '.join(spoken or ['all vehicles'])}; "
-              f"95 % of consistent teams: {low:.2f} to {high:.2f}\n")  # fmt: skip
+        low, high = metrics.anees_bounds(2, runs * vehicles)
+        text += (f"{name}, {runs} runs, {' and '.join(spoken or ['all vehicles'])}; "
+                 f"95 % of consistent teams: {low:.2f} to {high:.2f}\n\n")  # fmt: skip
         table: Table = [("navigator", "RMSE (m)", "median (m)", "95 % (m)", "ANEES", "packet (B)", "run (s)")]
         for navigator in dict.fromkeys(row["navigator"] for row in rows):
             own = [row for row in rows if row["navigator"] == navigator]
@@ -61,19 +91,21 @@ def consistency(arguments: argparse.Namespace) -> None:
                 f"{np.mean(size):.0f}" if size else "-",
                 f"{np.mean([row['seconds'] for row in own]):.2f}",
             ))  # fmt: skip
-        show(table)
+        text += shown(table) + "\n"
+    return {"consistency": text}
 
 
-def equalities(arguments: argparse.Namespace) -> None:
+def equalities(arguments: argparse.Namespace) -> Parts:
     """Largest differences from the references at the times of arrival, over all runs."""
+    runs = arguments.runs or 20
     lossless = ["acoustics.losses=[]"]
     table: Table = [("scenario", "navigator", "reference", "when", "position (m)", "variance, low", "high")]
-    table += compare("ship-and-auv", lossless, "deif", "cekf", arguments.runs, {"all": (0, np.inf)})
+    table += compare("ship-and-auv", lossless, "deif", "cekf", runs, {"all": (0, np.inf)})
     windows = {"before": (0, 3400), "hold": (3400, 3700), "after": (3700, 4000), "late": (4000, np.inf)}
-    table += compare("ship-and-auv-blackout", [], "mdeif", "cekf", arguments.runs, windows)
-    table += compare("ship-and-auv-long-blackout", [], "mdeif", "cekf", arguments.runs, {"all": (0, np.inf)})
-    table += compare("four-vehicle-team", [], "mdeif", "cekf-received", arguments.runs, {"all": (0, np.inf)})
-    show(table)
+    table += compare("ship-and-auv-blackout", [], "mdeif", "cekf", runs, windows)
+    table += compare("ship-and-auv-long-blackout", [], "mdeif", "cekf", runs, {"all": (0, np.inf)})
+    table += compare("four-vehicle-team", [], "mdeif", "cekf-received", runs, {"all": (0, np.inf)})
+    return {"equalities": shown(table) + "\n"}
 
 
 def compare(
@@ -112,8 +144,9 @@ def compare(
     ]  # fmt: skip
 
 
-def bytes_(arguments: argparse.Namespace) -> None:
+def bytes_(arguments: argparse.Namespace) -> Parts:
     """What each form of packet costs and brings."""
+    runs = arguments.runs or 20
     table: Table = [("packet", "navigator", "bytes, mean", "largest", "RMSE of the auv (m)", "ANEES")]
     for form in ("f64", "256", "64", "32"):
         for navigator in ("mdeif", "nekf", "interleaved", "deif", "deif-redundant"):
@@ -121,7 +154,7 @@ def bytes_(arguments: argparse.Namespace) -> None:
                 continue
             try:
                 result = uwcoop.study(
-                    "ship-and-auv", arguments.runs, [navigator], overrides=[f"acoustics.packet={form}"]
+                    "ship-and-auv", runs, [navigator], overrides=[f"acoustics.packet={form}"]
                 )
             except UwcoopError as reason:
                 table.append((form, navigator, str(reason), "", "", ""))
@@ -135,19 +168,18 @@ def bytes_(arguments: argparse.Namespace) -> None:
                 f"{np.sqrt(np.mean([row['rmse_m'] ** 2 for row in rows])):.3f}",
                 f"{np.mean([row['anees'] for row in rows]):.2f}",
             ))  # fmt: skip
-    show(table)
-    print("\nAgainst float64 packets of the same fields, same seeds\n")
+    parts = {"bytes": shown(table) + "\n"}
     table = [
         ("scenario", "packet", "difference (cm, rms)", "RMSE (cm)", "variance, mean", "least", "largest")
     ]
     for name, forms in (("ship-and-auv", ("256", "64", "32")), ("four-vehicle-team", ("256", "64"))):
         for form in forms:
-            off, error, mean, low, high = rounding_cost(name, form, range(arguments.runs))
+            off, error, mean, low, high = rounding_cost(name, form, range(runs))
             table.append((
                 name, form, f"{100 * off:.2f}", f"{100 * error:+.2f}",
                 *(f"{100 * (ratio - 1):+.2f} %" for ratio in (mean, low, high)),
             ))  # fmt: skip
-    show(table)
+    return parts | {"rounding": shown(table) + "\n"}
 
 
 LAGS = {"256": 3, "64": 0, "32": 1}
@@ -180,8 +212,9 @@ def rounding_cost(name: str, form: str, seeds: Iterable[int]) -> tuple[float, fl
     return float(np.sqrt(np.mean(off))), float(rmse[0] - rmse[1]), mean.mean(), low.min(), high.max()
 
 
-def recordings(arguments: argparse.Namespace) -> None:
+def recordings(arguments: argparse.Namespace) -> Parts:
     """Every navigator on the recordings: all beacons, then one at a time."""
+    text = ""
     files = [("goats/goats_14.pyfg", 4), ("goats/goats_15.pyfg", 3), ("plaza/Plaza1_.mat", 4)]
     for file, _ in files:
         path = arguments.data / file
@@ -206,11 +239,11 @@ def recordings(arguments: argparse.Namespace) -> None:
                 )
                 said = "all, half an edge earlier" if beacons is None else ", ".join(beacons) or "all"
                 table.append((said, navigator, *row))
-        print(f"\n{file}\n")
-        show(table)
+        text += f"{file}\n\n{shown(table)}\n"
+    return {"recordings": text}
 
 
-def speed(arguments: argparse.Namespace) -> None:
+def speed(arguments: argparse.Namespace) -> Parts:
     """CPU seconds of this process for one mission in one call, least of five."""
     log = simulate("ship-and-auv", 0)
     table: Table = [("navigator", "CPU (s), least of 5")]
@@ -221,7 +254,7 @@ def speed(arguments: argparse.Namespace) -> None:
             uwcoop.run(log, [navigator], clouds=False)
             spent.append(time.process_time() - start)
         table.append((navigator, f"{min(spent):.2f}"))
-    show(table)
+    return {"speed": shown(table) + "\n"}
 
 
 TABLES: dict[str, Any] = {
@@ -229,13 +262,11 @@ TABLES: dict[str, Any] = {
 }  # fmt: skip
 
 
-def show(table: Iterable[Sequence[str]]) -> None:
+def shown(table: Iterable[Sequence[str]]) -> str:
     """A table in Markdown."""
     head, *rows = table
-    print("| " + " | ".join(head) + " |")
-    print("|" + "---|" * len(head))
-    for row in rows:
-        print("| " + " | ".join(row) + " |")
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
 
 
 if __name__ == "__main__":

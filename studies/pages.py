@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 ALL = "dead-reckoning,ranging-only,terrain-only,dmpf,mpf-terrain-only,mpf"
-PAPER = "dead-reckoning,terrain-only,dmpf"
-STAND_IN = "The recordings and the chart of the paper are not public: this is a synthetic stand-in."
 
 
 @dataclass(frozen=True)
@@ -84,78 +82,6 @@ SCENARIOS = Page(
     ),
 )
 
-DMPF_PAPER = Page(
-    "The figures of the D-MPF paper",
-    "The missions of Tan, Chitre & Hover, *Cooperative bathymetry-based localization using low-cost autonomous "
-    f"underwater vehicles* (2016). {STAND_IN} Its roughness was chosen so that, as there, ranges help the terrain "
-    "filter and alone are worse than dead reckoning: that order is not independent evidence. The figures "
-    "themselves are "
-    "drawn by adding `-o FOLDER --figures` to a command ([How to](../howto/studies.md#figures)).",
-    (
-        Study(
-            "Fig. 6: the effect of bandwidth",
-            "st-john",
-            100,
-            "dmpf-unlimited,dmpf",
-            ("--set", "acoustics.modem=unlimited", "--vary", "navigator.dmpf.particles=600,2000"),
-            note="Particles with their weights (`dmpf-unlimited`, 600), one "
-            "Gaussian (`dmpf`, 600), one Gaussian and more particles (`dmpf`, 2000).",
-            slug="fig-6",
-        ),
-        Study(
-            "Fig. 7: the effect of each source",
-            "st-john",
-            100,
-            "dead-reckoning,ranging-only,terrain-only,dmpf",
-            note="The same missions over the modem.",
-            slug="fig-7",
-        ),
-        Study(
-            "Fig. 11: a constant current",
-            "st-john-current",
-            20,
-            "dead-reckoning,dmpf,mpf",
-            ("--vary", "current.speed_mps=0.0,0.25,0.5"),
-            note="Southward; the prior of the current, which the paper does not state, is 0.5 m/s per axis.",
-            slug="fig-11",
-        ),
-        Study(
-            "Fig. 12: biased compasses and thrusters",
-            "st-john-bias",
-            20,
-            "dead-reckoning,dmpf,mpf",
-            ("--vary", "current.speed_mps=0.0,0.25"),
-            note="1° and 0.1 m/s, without and with a southward current. `mpf` has the two biases as states "
-            "here; D-MPF has no states for them, and its current estimate absorbs them.",
-            slug="fig-12",
-        ),
-        Study(
-            "Fig. 14: ranges along one bearing (`charles-river`)",
-            "charles-river",
-            20,
-            f"{PAPER},mpf-terrain-only,mpf",
-            note=STAND_IN,
-            slug="fig-14",
-        ),
-        Study(
-            "Fig. 17: an AUV and an ASV (`st-john-field`)",
-            "st-john-field",
-            20,
-            f"{PAPER},mpf-terrain-only,mpf",
-            note=STAND_IN,
-            slug="fig-17",
-        ),
-        Study(
-            "Fig. 19: three vehicles (`st-john-field-3`)",
-            "st-john-field-3",
-            20,
-            f"{PAPER},mpf-terrain-only,mpf",
-            note=STAND_IN,
-            slug="fig-19",
-        ),
-    ),
-)
-
 REAL_SOUNDINGS = Page(
     "Charts that are wrong, and real soundings",
     "Real charts err by metres, over tens of metres at a time. First a simulated survey, then a public multibeam chart "
@@ -180,4 +106,4 @@ REAL_SOUNDINGS = Page(
     ),
 )
 
-PAGES = {"scenarios": SCENARIOS, "dmpf-paper": DMPF_PAPER, "real-soundings": REAL_SOUNDINGS}
+PAGES = {"scenarios": SCENARIOS, "real-soundings": REAL_SOUNDINGS}

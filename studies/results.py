@@ -9,7 +9,6 @@ studies' folders: what is there is not flown again, and `--figures` need no seco
 from __future__ import annotations
 
 import argparse
-import csv
 import json
 import os
 import subprocess
@@ -17,7 +16,6 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -94,23 +92,6 @@ def section(study: Study, keeper: Keeper, shown_as: tuple[str, str] = ("", ""), 
     )
 
 
-def same_two(keeper: Keeper) -> str:
-    """The two vehicles that st-john-field and st-john-field-3 share, from the rows of both studies."""
-    lines = [
-        "The AUV and the ASV alone, from the `runs.csv` of both studies (`-o FOLDER`):\n",
-        "| vehicles in the water | navigator | final error, median (m) | RMSE, median (m) |",
-        "|---|---|---|---|",
-    ]
-    for slug, count in (("fig-17", "two"), ("fig-19", "three")):
-        with (keeper.folder / slug / "runs.csv").open(newline="") as file:
-            rows = [row for row in csv.DictReader(file) if row["vehicle"] in ("AUV", "ASV")]
-        for name in ("terrain-only", "dmpf", "mpf"):
-            own = [row for row in rows if row["navigator"] == name]
-            final, rms = (median(float(row[key]) for row in own) for key in ("final_error_m", "rmse_m"))
-            lines.append(f"| {count} | `{name}` | {number(final)} | {number(rms)} |")
-    return "\n".join(lines) + "\n"
-
-
 def real_soundings(page: Page, keeper: Keeper) -> str:
     """The page of recordings: a chart of a bottom that cannot localise, and teams on a bay's soundings."""
     text = [f"# {page.title}\n\n{page.intro}\n"]
@@ -177,8 +158,6 @@ def main() -> None:
                 text = real_soundings(page, keeper)
             else:
                 sections = [section(study, keeper) for study in page.studies]
-                if name == "dmpf-paper":
-                    sections.append(same_two(keeper))
                 text = "\n".join([f"# {page.title}\n\n{page.intro}\n", *sections])
             (ROOT / "docs" / "results" / f"{name}.md").write_text(text)
 

@@ -312,6 +312,21 @@ def test_covariances_are_drawn_around_the_truth_and_over_time(missions: list[Mis
         np.testing.assert_array_equal(np.sort(drawn), np.sort(heard["bearing_deg"][heard["receiver"] == j]))
 
 
+def test_covariance_map_and_curves_apart(missions: list[Mission]) -> None:
+    m = missions[0]
+    world = covariance_figure(m.tracks, m.packets, m.chart, parts=["map"])
+    curves = covariance_figure(m.tracks, m.packets, m.chart, parts=["time"])
+    for figure in (world, curves):
+        assert_whole(figure)
+    assert [axes.get_ylabel() for axes in world.axes] == ["north (m)", "water depth (m)"]
+    assert len(curves.axes) == 9
+    told = [{text.get_text() for text in figure.legends[0].get_texts()} for figure in (world, curves)]
+    assert {"waypoints" in text for text in told[0] if ":" in text} == {True}
+    assert not any("heard" in text for text in told[0])
+    assert any("heard from" in text for text in told[1])
+    assert not any("waypoints" in text for text in told[1])
+
+
 def test_bearings_are_from_the_receiver_to_where_the_sender_was(missions: list[Mission]) -> None:
     m = missions[0]
     heard = bearings(m.tracks, m.packets, [1])

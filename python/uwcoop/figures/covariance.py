@@ -52,6 +52,7 @@ def covariance_figure(
     *,
     navigators: Sequence[str] | None = None,
     waypoints: int = WAYPOINTS,
+    parts: Sequence[str] = ("map", "time"),
 ) -> Figure:
     """95 % ellipses at waypoints along the paths, beside their aspect ratio, trace and the bearings of ranges.
 
@@ -67,6 +68,7 @@ def covariance_figure(
         navigators: which to overlay; None: the first `MOST_NAVIGATORS`, those that hear packets before the
             others.
         waypoints: ellipses along each path, evenly in time.
+        parts: "map" for the ellipses, "time" for what is over time.
 
     Raises:
         TracksError: an unknown navigator, or tracks without a covariance.
@@ -80,13 +82,33 @@ def covariance_figure(
     centre = _centres(tracks, shown)
     at = [spread_evenly(path, waypoints) for path in centre]
     heard = None if packets is None else bearings(tracks, packets, shown)
-    rows = tracks.sizes["vehicle"]
-    figure = figure_class(figsize=(16.5, max(6.6, 1.9 * rows + 1.6)), dpi=DPI, layout="constrained")
-    parts: Any = figure.subfigures(1, 2, width_ratios=(0.9, 1.1), wspace=0.03)
-    left, right = parts
-    _draw_map(left, tracks, chart, shown, centre, at)
+    high = max(6.6, 1.9 * tracks.sizes["vehicle"] + 1.6)
+    widths = {"map": 7.4, "time": 9.1}
+    figure = figure_class(figsize=(sum(widths[part] for part in parts), high), dpi=DPI, layout="constrained")
+    drawn: Any = figure.subfigures(
+        1, len(parts), squeeze=False, width_ratios=[widths[part] for part in parts], wspace=0.03
+    )
+    for part, name in zip(drawn[0], parts, strict=True):
+        if name == "map":
+            _draw_map(part, tracks, chart, shown, centre, at)
+        else:
+            _draw_panels(part, tracks, shown, at, aspect, trace, heard)
+    _legend(figure, tracks, shown, heard if "time" in parts else None, paths="map" in parts)
+    figure.suptitle(_title(tracks, shown, parts), fontsize=12)
+    return figure
+
+
+def _draw_panels(
+    part: SubFigure,
+    tracks: xr.Dataset,
+    shown: Sequence[int],
+    at: Sequence[NDArray[np.intp]],
+    aspect: Floats,
+    trace: Floats,
+    heard: Mapping[str, NDArray[Any]] | None,
+) -> None:
     columns = 3 if heard is not None and len(heard["toa_s"]) else 2
-    panels = right.subplots(rows, columns, squeeze=False, sharex=True)
+    panels = part.subplots(tracks.sizes["vehicle"], columns, squeeze=False, sharex=True)
     time = tracks["time"].values
     scales = [axis_of(aspect[shown], 1.0), axis_of(trace[shown], None)]
     for j, vehicle in enumerate(tracks["vehicle"].values):
@@ -106,9 +128,6 @@ def covariance_figure(
         axes.set_title(text, fontsize=10, pad=16)
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
-    _legend(figure, tracks, shown, heard)
-    figure.suptitle(_title(tracks, shown), fontsize=12)
-    return figure
 
 
 def magnification(semi_axes_m: Floats, navigator: Floats, size_m: float) -> float:
@@ -212,14 +231,20 @@ def _mark_waypoints(axes: Axes, times: Floats, *, numbered: bool) -> None:
             )  # fmt: skip
 
 
-def _title(tracks: xr.Dataset, shown: Sequence[int]) -> str:
+def _title(tracks: xr.Dataset, shown: Sequence[int], parts: Sequence[str]) -> str:
     others = [str(n) for i, n in enumerate(tracks["navigator"].values) if i not in shown]
     left = f"\nnot shown: {', '.join(others)}" if others else ""
-    return f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}: error covariances and bearings of ranges{left}"
+    what = "error covariances" + (" and bearings of ranges" if "time" in parts else "")
+    return f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}: {what}{left}"
 
 
 def _legend(
-    figure: Figure, tracks: xr.Dataset, shown: Sequence[int], heard: Mapping[str, NDArray[Any]] | None
+    figure: Figure,
+    tracks: xr.Dataset,
+    shown: Sequence[int],
+    heard: Mapping[str, NDArray[Any]] | None,
+    *,
+    paths: bool,
 ) -> None:
     from matplotlib.lines import Line2D
 
@@ -234,6 +259,7 @@ def _legend(
             label=f"{name}: path, waypoints",
         )
         for j, name in enumerate(tracks["vehicle"].values)
+        if paths
     ]  # fmt: skip
     if heard is not None:
         handles += [
@@ -241,6 +267,6 @@ def _legend(
             for s in np.unique(heard["sender"])
         ]
     figure.legend(
-        handles=handles, loc="outside lower center", ncols=min(len(handles), 9), fontsize=8, frameon=False,
-        handlelength=3.2,
+        handles=handles, loc="outside lower center", fontsize=8, frameon=False, handlelength=3.2,
+        ncols=min(len(handles), round(figure.get_figwidth() / 1.8)),
     )  # fmt: skip

@@ -69,7 +69,9 @@ def trajectories_figure(log: MissionLog, tracks: xr.Dataset, clouds: xr.Dataset 
     navigators = [str(n) for n in tracks["navigator"].values]
     truth = finite_points(tracks["truth_position_m"].values)
     around = truth if len(truth) else finite_points(tracks["position_m"].values)
-    view = frame_around(around, 0.12 * float(np.ptp(around, axis=0).max()) + 1.0)
+    fixes = [measured_positions(log, tracks, i) for i in range(len(navigators))]
+    around = np.vstack([around, *(_most(each) for one in fixes for each in one.values())])
+    view = frame_around(around, 0.05 * float(np.ptp(around, axis=0).max()) + 1.0)
     tall = float(np.clip((view[3] - view[2]) / (view[1] - view[0]), 0.25, 1.6))
     width = max(3.6, 7.2 / max(len(navigators), 1))
     figure = figure_class(
@@ -77,7 +79,7 @@ def trajectories_figure(log: MissionLog, tracks: xr.Dataset, clouds: xr.Dataset 
     )
     panels = figure.subplots(2, len(navigators), squeeze=False, sharex=True, sharey=True)
     for i, navigator in enumerate(navigators):
-        measured = measured_positions(log, tracks, i)
+        measured = fixes[i]
         for row, name in enumerate(("peer", "own")):
             axes = panels[row, i]
             _draw_paths(axes, log, tracks, i)
@@ -95,6 +97,12 @@ def trajectories_figure(log: MissionLog, tracks: xr.Dataset, clouds: xr.Dataset 
         f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}: paths and measured positions", fontsize=12
     )
     return figure
+
+
+def _most(points: Floats) -> Floats:
+    """Corners of the frame that holds 98 % of the points on each axis; none where there are none."""
+    finite = finite_points(points)
+    return np.quantile(finite, [0.01, 0.99], axis=0) if len(finite) else np.empty((0, 2))
 
 
 def measured_positions(log: MissionLog, tracks: xr.Dataset, navigator: int) -> dict[str, Floats]:

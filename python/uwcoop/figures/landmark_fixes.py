@@ -152,6 +152,7 @@ def reconstruction_figure(log: MissionLog, around: xr.Dataset, navigator: str) -
         axes.set(xlim=view[:2], ylim=view[2:], aspect="equal")
         axes.set_title(f"({'abcdefghi'[panel]}) {around['t_s'].values[k]:.0f} s{note}", fontsize=9)
         axes.tick_params(labelsize=7)
+        axes.locator_params(nbins=5)
         axes.grid(alpha=0.25, lw=0.5)
     for panel in range(3):
         panels[6 + panel].set_xlabel("east (m)", fontsize=9)

@@ -14,9 +14,13 @@ from uwcoop.figures.style import DPI, OKABE_ITO, matplotlib_figure
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from uwcoop.missionlog import MissionLog
+
+    Floats = NDArray[np.float64]
 
 SHOWN = 9
 """Times in the map of particles."""
@@ -71,6 +75,18 @@ def roles_figure(log: MissionLog, tracks: xr.Dataset) -> Figure:
     return figure
 
 
+def _name_time(axes: Axes, label: str, at: Floats, *, above: bool) -> None:
+    """Beside the clouds, which lie along the path: every other one on its other side, with a line to its place."""
+    from matplotlib.patheffects import Normal, Stroke
+
+    axes.annotate(
+        label, (float(at[0]), float(at[1])), xytext=(-34, 44) if above else (34, -44),
+        textcoords="offset points", fontsize=8, ha="right" if above else "left", va="center", zorder=6,
+        arrowprops={"arrowstyle": "-", "lw": 0.7, "color": "#444444", "shrinkB": 4},
+        path_effects=[Stroke(linewidth=2.5, foreground="white"), Normal()],
+    )  # fmt: skip
+
+
 def particles_figure(log: MissionLog, around: xr.Dataset, navigator: str) -> Figure:
     """The mover's particles after each of nine fixes about a reconstruction, with their times and what the landmark
     measured, in one map.
@@ -102,7 +118,7 @@ def particles_figure(log: MissionLog, around: xr.Dataset, navigator: str) -> Fig
         axes.plot(*truth, ls="", marker="x", ms=7, mew=1.4, color="#B00020")
         new = ", reconstruction" if counts[k, 1] > counts[k, 0] else ""
         label = f"{around['t_s'].values[k]:.0f} s{new}"
-        axes.annotate(label, truth, xytext=(10, -4 + 8 * (place % 2)), textcoords="offset points", fontsize=8)
+        _name_time(axes, label, truth, above=place % 2 == 0)
         kept.append(
             np.vstack(
                 [
@@ -112,7 +128,7 @@ def particles_figure(log: MissionLog, around: xr.Dataset, navigator: str) -> Fig
                 ]
             )
         )
-    view = frame_around(np.vstack(kept), 1.0)
+    view = frame_around(np.vstack(kept), 1.6)
     axes.set(xlim=view[:2], ylim=view[2:], aspect="equal", xlabel="east (m)", ylabel="north (m)")
     axes.plot([], [], ls="", marker="+", ms=10, mew=1.8, color="#111111", label="measured by the landmark")
     axes.plot([], [], ls="", marker="x", ms=7, color="#B00020", label="true position")

@@ -47,6 +47,10 @@ class Check(_Table):
     """Of `uwcoop.reproduce.measures.MEASURES`."""
     of: dict[str, Any] = {}
     """Its arguments."""
+    flown: str = ""
+    """Of `Paper.missions`; none: the figure's."""
+    against: str = ""
+    """Of `Paper.missions`: what is judged is the measure over that of these missions."""
     text: str
     """What is measured, with the unit."""
     paper: str
@@ -72,7 +76,15 @@ class Figure(_Table):
     states: str
     """What the paper states."""
     note: str = ""
+    tables: tuple[str, ...] = Field(strict=False, default=())
+    """Of `Paper.missions`: studies whose tables stand here too."""
     checks: tuple[Check, ...] = Field(strict=False, default=())
+
+    @property
+    def missions(self) -> tuple[str, ...]:
+        """All missions that it needs, its own first."""
+        judged = [name for check in self.checks for name in (check.flown, check.against) if name]
+        return tuple(dict.fromkeys([self.flown, *self.tables, *judged]))
 
 
 class Paper(_Table):

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 __all__ = ["MEASURES", "measure"]
 
+DRAWS = 2000
+"""Of a bootstrap."""
+
 
 def measure(name: str, flown: Any, arguments: dict[str, Any]) -> float:
     """The number of one check.
@@ -51,6 +54,17 @@ def variants_ratio(
     return pooled(study, navigator, column, where) / pooled(study, navigator, column, to)
 
 
+def ratio_high(study: Any, navigator: str, to: str, column: str) -> float:
+    """Upper end of the 95 % interval of one navigator's median over another's, by drawing the runs anew (bootstrap)."""
+    by: dict[str, dict[int, list[float]]] = {navigator: {}, to: {}}
+    for row in study.rows:
+        if row["navigator"] in by:
+            by[row["navigator"]].setdefault(row["seed"], []).append(row[column])
+    own, other = (np.array([values for _, values in sorted(by[name].items())]) for name in (navigator, to))
+    drawn = np.random.default_rng(0).integers(0, len(own), (DRAWS, len(own)))
+    return float(np.quantile([np.median(own[at]) / np.median(other[at]) for at in drawn], 0.975))
+
+
 def share_worse(study: Any, navigator: str, than: str, column: str = "final_error_m") -> float:
     """Share of runs and vehicles in which a navigator has the larger value."""
     by = {
@@ -59,6 +73,12 @@ def share_worse(study: Any, navigator: str, than: str, column: str = "final_erro
     }
     pairs = [(value, by[than][key]) for key, value in by[navigator].items() if key in by[than]]
     return float(np.mean([own > other for own, other in pairs]))
+
+
+def vehicles_rmse(study: Any, navigator: str, vehicles: Sequence[str]) -> float:
+    """Median over runs and these vehicles of the RMS error, m."""
+    own = [row for row in study.rows if row["navigator"] == navigator and row["vehicle"] in vehicles]
+    return float(np.median([row["rmse_m"] for row in own]))
 
 
 def difference(run: Any, navigator: str, reference: str, window_s: Sequence[float]) -> float:
@@ -153,6 +173,11 @@ def silence(run: Any, vehicle: str, navigator: str) -> float:
     return float(np.median(np.diff(np.sort(packets["toa_ns"][own]))) / 1e9)
 
 
+def slot_s(run: Any) -> float:
+    """Median time between two launches, whoever sends, s."""
+    return float(np.median(np.diff(np.sort(run.log.slots["tol_ns"]))) / 1e9)
+
+
 def counted(run: Any, navigator: str, counter: str) -> float:
     """What a navigator counted by the end, all vehicles together."""
     return float(np.nansum(run.tracks[counter].sel(navigator=navigator).values[:, -1]))
@@ -220,9 +245,9 @@ def compression(costs: Any, particles: int) -> float:
 MEASURES: dict[str, Callable[..., float]] = {
     each.__name__: each
     for each in (
-        pooled, ratio, variants_ratio, share_worse, difference, rms_error, error_ratio, largest_error, sigma,
-        sigma_apart, trace_ratio, aspect, received_share, event_rate, silence, counted, information_ratio, offset,
-        offset_ratio, exchanges, yaw, speed_rate, compression,
+        pooled, ratio, ratio_high, variants_ratio, share_worse, vehicles_rmse, difference, rms_error, error_ratio,
+        largest_error, sigma, sigma_apart, trace_ratio, aspect, received_share, event_rate, silence, slot_s, counted,
+        information_ratio, offset, offset_ratio, exchanges, yaw, speed_rate, compression,
     )
 }  # fmt: skip
 """By name."""

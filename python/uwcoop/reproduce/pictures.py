@@ -29,7 +29,8 @@ def draw(name: str, flown: Any, shows: tuple[str, ...]) -> Figure:
 def _only(flown: Any, shows: tuple[str, ...]) -> Any:
     """What was flown with these navigators alone."""
     if not hasattr(flown, "tracks"):
-        return replace(flown, rows=[row for row in flown.rows if row["navigator"] in shows])
+        errors = None if flown.errors is None else flown.errors.sel(navigator=list(shows))
+        return replace(flown, rows=[row for row in flown.rows if row["navigator"] in shows], errors=errors)
     names = [str(name) for name in flown.tracks["navigator"].values]
     kept = [names.index(name) for name in shows]
     packets = flown.packets
@@ -65,10 +66,18 @@ def _errors(run: Any) -> Figure:
     return errors_figure(run.tracks, run.packets)
 
 
-def _covariance(run: Any) -> Figure:
+def _covariance(run: Any, parts: tuple[str, ...] = ("map", "time")) -> Figure:
     from uwcoop.figures.covariance import covariance_figure
 
-    return covariance_figure(run.tracks, run.packets, run.log.chart)
+    return covariance_figure(run.tracks, run.packets, run.log.chart, parts=parts)
+
+
+def _ellipses(run: Any) -> Figure:
+    return _covariance(run, ("map",))
+
+
+def _aspects(run: Any) -> Figure:
+    return _covariance(run, ("time",))
 
 
 def _traffic(run: Any) -> Figure:
@@ -165,7 +174,13 @@ def _averages(study: Any) -> Figure:
 def _cost(costs: Any) -> Figure:
     from uwcoop.figures.landmark_study import cost_figure
 
-    return cost_figure(costs)
+    return cost_figure(costs, parts=("time",))
+
+
+def _rate(costs: Any) -> Figure:
+    from uwcoop.figures.landmark_study import cost_figure
+
+    return cost_figure(costs, parts=("rate",))
 
 
 PICTURES: dict[str, Callable[[Any], Figure]] = {
@@ -173,6 +188,6 @@ PICTURES: dict[str, Callable[[Any], Figure]] = {
     "setup": _setup, "uncertainty": _uncertainty, "origin": _origin, "trajectories": _trajectories,
     "velocities": _velocities, "offsets": _offsets, "reconstruction": _reconstruction, "particles": _particles,
     "roles": _roles, "likelihoods": _likelihoods, "boxes": _boxes,
-    "averages": _averages, "cost": _cost,
+    "averages": _averages, "cost": _cost, "rate": _rate, "ellipses": _ellipses, "aspects": _aspects,
 }  # fmt: skip
 """By name."""
