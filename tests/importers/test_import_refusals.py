@@ -9,9 +9,23 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from recorded_dive import LAT0, LON0, Array, channel, source, swim, write_bags, write_tables, yaw_quaternion
+from recorded_dive import (
+    LAT0,
+    LON0,
+    Array,
+    channel,
+    source,
+    swim,
+    write_alog,
+    write_bags,
+    write_dataflash,
+    write_lsf,
+    write_tables,
+    write_tlog,
+    yaw_quaternion,
+)  # fmt: skip
 from uwcoop.cli import app
-from uwcoop.errors import LogError, ScenarioError
+from uwcoop.errors import LogError, MissingDependencyError, ScenarioError
 from uwcoop.experiment.mission import open_mission
 from uwcoop.importers.channels import Channel
 from uwcoop.importers.import_config import load_config
@@ -241,3 +255,39 @@ def test_a_recording_that_is_run_names_the_command_that_imports_it(tmp_path: Pat
         assert f"`uwcoop import {path} -o mission.mcap`" in str(caught.value)
     with pytest.raises(LogError, match="`uwcoop import` makes one of it"):
         open_mission(next(made["mcap"].glob("*.mcap")))
+
+
+@pytest.mark.parametrize(
+    "name", ["a.mcap", "a.db3", "a.bag", "a.alog", "a.lsf", "a.tlog", "a.bin", "alpha.csv"]
+)
+def test_a_damaged_recording_gives_a_mission_or_one_line(name: str, tmp_path: Path) -> None:
+    package = {"a.lsf": "imcpy", "a.tlog": "pymavlink", "a.bin": "pymavlink"}.get(name)
+    if package:
+        pytest.importorskip(package)
+    if name in ("a.mcap", "a.db3", "a.bag"):
+        kind = {"a.mcap": "mcap", "a.db3": "sqlite3", "a.bag": "ros1"}[name]
+        made = write_bags(tmp_path, (kind,))[kind]
+        whole = (
+            made if made.is_file() else next(p for p in made.iterdir() if p.suffix != ".yaml")
+        ).read_bytes()
+    elif name == "alpha.csv":
+        whole = write_tables(tmp_path)[0].read_bytes()
+    else:
+        write = {"a.alog": write_alog, "a.lsf": write_lsf, "a.tlog": write_tlog, "a.bin": write_dataflash}[
+            name
+        ]
+        whole = write(tmp_path / f"whole-{name}").read_bytes()
+    rng = np.random.default_rng(sum(map(ord, name)))
+    folder = tmp_path / "damaged"
+    folder.mkdir()
+    for _ in range(6):
+        content = bytearray(whole[: len(whole) if rng.random() < 0.7 else rng.integers(200, len(whole))])
+        for place in rng.integers(0, len(content) - 4, rng.choice([1, 5, 30])):
+            content[place : place + 4] = b"\xff\xff\xff\x7f" if rng.random() < 0.3 else rng.bytes(4)
+        (folder / name).write_bytes(content)
+        refusals: list[str] = []
+        try:
+            import_recordings([folder / name], overrides={"origin_deg": [LAT0, LON0]})
+        except (LogError, MissingDependencyError) as error:
+            refusals.append(str(error))
+        assert not any("\n" in line for line in refusals)

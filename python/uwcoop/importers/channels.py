@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from uwcoop.errors import LogError
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -65,12 +67,37 @@ class Channel:
         return len(self.t_ns)
 
     def numbers(self, label: str) -> NDArray[np.float64]:
-        """A column as float64, (N,)."""
-        return np.asarray(self.columns[label], dtype=np.float64)
+        """A column as float64, (N,).
+
+        Raises:
+            LogError: a cell that is no number.
+        """
+        column = self.columns[label]
+        try:
+            return np.asarray(column, dtype=np.float64)
+        except ValueError:
+            row, cell = next(
+                (k, str(c)) for k, c in enumerate(column.tolist()) if str(c).strip() and not _is_number(c)
+            )
+            raise LogError(
+                f"{self.source}: column {label!r} of {self.name} holds {cell[:40]!r} in row {row + 1}: not a number"
+            ) from None
 
     def is_text(self, label: str) -> bool:
-        """Whether a column holds texts."""
-        return self.columns[label].dtype.kind in "OUS"
+        """Whether a column holds texts: most of its cells are none of numbers."""
+        column = self.columns[label]
+        if column.dtype.kind not in "OUS":
+            return False
+        filled = [cell for cell in column.tolist() if str(cell).strip()]
+        return 2 * sum(map(_is_number, filled)) <= len(filled)
+
+
+def _is_number(cell: object) -> bool:
+    try:
+        float(str(cell))
+    except ValueError:
+        return False
+    return True
 
 
 @dataclass(frozen=True)

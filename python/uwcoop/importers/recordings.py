@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from uwcoop.errors import LogError
+from uwcoop.importers.bounded import refused
 from uwcoop.importers.datasets.detect import read_dataset
 from uwcoop.importers.import_config import ImportConfig, load_config
 from uwcoop.importers.readers import read_source
@@ -61,7 +62,12 @@ def import_recordings(
         told = told.model_copy(
             update={"sensors": told.sensors.model_copy(update={"truth": _truth_sensor(topics)})}
         )
-    log = mission_of(read_sources(files, told), told)
+    try:
+        sources = read_sources(files, told)
+        with refused(LogError, ", ".join(source.name for source in sources)):
+            log = mission_of(sources, told)
+    except LogError as error:  # names in a damaged file may hold anything
+        raise LogError(" ".join(str(error).split())) from error
     if topics and log.truth is None:
         raise LogError(f"truth: no vehicle has the topic {topics[0]}")
     if tables:

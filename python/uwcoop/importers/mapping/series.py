@@ -39,6 +39,7 @@ _COMPARE: dict[str, Callable[[Any, Any], Any]] = {
 }  # fmt: skip
 _DEFAULT_RATE_HZ = {"water_depth": 1.0, "altimeter": 1.0, "fix": 1.0, "usbl": 1.0, "truth": 10.0}
 _RATE_HZ = 5.0
+_FIRST_NS, _LAST_NS = 315_532_800 * 10**9, 4_102_444_800 * 10**9
 
 
 @dataclass(frozen=True)
@@ -129,6 +130,7 @@ def series_of(binding: Binding, offset_ns: int = 0) -> Series:
     values = {name: quantity(binding, name, label)[rows] for name, label in binding.columns.items()}
     found = Series(stamps[rows] + round(settings.offset_s * 1e9), values, int(rows.sum()))
     found = _valid(found, binding, rows)
+    found = found.chosen(_dated(found.t_ns), "{} with a stamp of no mission")
     found = _known(found, binding)
     found = _plausible(found, binding)
     if settings.within is not None:
@@ -142,6 +144,13 @@ def series_of(binding: Binding, offset_ns: int = 0) -> Series:
             f"{binding.where}: none of its {found.total:,} rows can be used: {'; '.join(found.said) or 'empty'}"
         )
     return _in_order(found)
+
+
+def _dated(t_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Stamps within 1980 to 2100, or within thirty years of a zero of their own."""
+    if not t_ns.size:
+        return np.ones(0, dtype=bool)
+    return (t_ns > -_FIRST_NS) & (t_ns < _LAST_NS) & ((np.median(t_ns) < _FIRST_NS) | (t_ns >= _FIRST_NS))
 
 
 def _valid(found: Series, binding: Binding, rows: NDArray[np.bool_]) -> Series:

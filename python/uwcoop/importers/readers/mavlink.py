@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import struct
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +50,20 @@ def read_mavlink(path: Path) -> SourceFile:
         raise MissingDependencyError("pymavlink", "logs") from error
     dataflash = is_dataflash(path)
     # DataFlash logs name their units with each format; a tlog's are those of the MAVLink definitions.
+    said = StringIO()
+    with redirect_stdout(said), redirect_stderr(said):  # pymavlink prints what it finds damaged
+        rows, bad = _messages(mavutil, path, dataflash)
+    bad += len(said.getvalue().splitlines())
+    return _source(path, rows, bad, dataflash)
+
+
+Rows = dict[tuple[int, str], list[tuple[float, dict[str, Any]]]]
+
+
+def _messages(mavutil: Any, path: Path, dataflash: bool) -> tuple[Rows, int]:
+    """Times and fields by system and type, and how many pieces are no messages."""
     log: Any = mavutil.mavlink_connection(str(path), dialect="ardupilotmega", robust_parsing=True)
-    rows: dict[tuple[int, str], list[tuple[float, dict[str, Any]]]] = {}
+    rows: Rows = {}
     bad = 0
     try:
         while (message := log.recv_match()) is not None:
@@ -63,6 +77,10 @@ def read_mavlink(path: Path) -> SourceFile:
             rows.setdefault((system, kind), []).append((float(message._timestamp), message.to_dict()))
     finally:
         log.close()
+    return rows, bad
+
+
+def _source(path: Path, rows: Rows, bad: int, dataflash: bool) -> SourceFile:
     if not rows:
         raise LogError(f"{path} holds no MAVLink message that can be read")
     systems = {system for (system, kind) in rows if kind not in ("HEARTBEAT", "TIMESYNC")} or {0}
@@ -75,7 +93,7 @@ def read_mavlink(path: Path) -> SourceFile:
             omitted.append(Omitted(name, f"{family}/{kind}", len(own), "no numbers"))
         else:
             channels.append(channel)
-    notes = [f"{path.name}: {bad:,} pieces are no MAVLink messages: left out"] if bad else []
+    notes = [f"{path.name}: {bad:,} pieces are damaged or no messages: left out"] if bad else []
     if len(systems) > 1:
         notes.append(f"{path.name}: messages of the systems {', '.join(map(str, sorted(systems)))}")
     how = "ArduPilot log (DataFlash)" if dataflash else "MAVLink telemetry (tlog)"

@@ -40,7 +40,7 @@ def read_alog(path: Path) -> SourceFile:
     start_s: float | None = None
     opened = ""
     damaged = count = 0
-    for line in text_lines(path, _LIMIT_BYTES, encoding="utf-8-sig"):
+    for line in text_lines(path, _LIMIT_BYTES, encoding="latin-1"):
         if line.startswith("%"):
             if found := _START.match(line):
                 start_s = float(found.group(1))
@@ -94,10 +94,19 @@ def _channel(
 
 
 def _values(cells: list[str | None]) -> NDArray[Any]:
+    """Numbers, NaN where there is none; texts where most of the values are none."""
+    numbers = np.array([_number(cell) for cell in cells])
+    told = sum(cell is not None for cell in cells)
+    if 2 * np.isfinite(numbers).sum() > told:
+        return numbers
+    return np.array([*(cell or "" for cell in cells), None], dtype=object)[:-1]
+
+
+def _number(cell: str | None) -> float:
     try:
-        return np.array([np.nan if cell is None else float(cell) for cell in cells])
+        return np.nan if cell is None else float(cell)
     except ValueError:
-        return np.array([*(cell or "" for cell in cells), None], dtype=object)[:-1]
+        return np.nan
 
 
 def _local_seconds(text: str) -> float | None:
