@@ -4,7 +4,7 @@
 
 UV := .tools/bin/uv
 export UV_PROJECT_ENVIRONMENT := .venv
-export UV_COMPILE_BYTECODE := 1  # once here, and not at each start of a program
+export UV_COMPILE_BYTECODE := 1
 SYNC := $(UV) sync -q --all-extras
 ifdef LOCKED                # the very packages of .ci/requirements.txt, checked by their hashes
 SYNC := .ci/sync $(UV)

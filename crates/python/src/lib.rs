@@ -10,6 +10,7 @@ mod central_estimator;
 mod chart;
 mod errors;
 mod event;
+mod event_fields;
 mod exchange_packet;
 mod graph_packet;
 mod information;

@@ -16,6 +16,7 @@ pub mod origin;
 pub mod packaged;
 pub mod particle_core;
 mod particle_motion;
+mod particle_prediction;
 pub mod profile;
 pub mod radio;
 pub mod range;

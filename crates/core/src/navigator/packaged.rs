@@ -141,6 +141,7 @@ impl Packaged {
     }
 
     /// Options that make it what its name says.
+    /// Options that make it what its name says.
     ///
     /// # Errors
     /// [`Error::External`] for a table that is not JSON.
@@ -177,10 +178,7 @@ impl Packaged {
                 }
             }
             let (late, rest) = LateSettings::split(self.name, &whole)?;
-            Ok(match (self.method.make)(&rest, context, chart)? {
-                Made::Navigator(navigator) => Made::Navigator(late.around(navigator, context.vehicle)),
-                central @ Made::Central(_) => central,
-            })
+            (self.method.make)(&rest, context, chart).map(|made| late.around(made, context.vehicle))
         };
         read().map_err(|error| self.renamed(error))
     }

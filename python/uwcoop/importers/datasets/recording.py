@@ -84,8 +84,6 @@ class PyfgOptions(Options):
 
     sigma_range_m: Positive = 4.0
     sigma_beacon_m: Positive = 5.0
-    range_drift_s: Positive = 5.0
-    """Poses, which stand a second apart in the mission: 30 to 40 s of these runs."""
     sigma_odometry_m: NonNegative = 0.4
     sigma_odometry_share: NonNegative = 0.0
     sigma_yaw_rad: NonNegative = 1e-4

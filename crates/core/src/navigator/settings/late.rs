@@ -3,10 +3,9 @@
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::{Bounded, Unread, completed};
+use super::{Bounded, Made, Unread, completed};
 use crate::error::Error;
 use crate::event::VehicleId;
-use crate::navigator::Navigator;
 use crate::navigator::delayed::{BOUNDS, Delayed, DelayedOptions, Late};
 
 /// What becomes of events that are older than the navigator's time.
@@ -54,13 +53,15 @@ impl LateSettings {
         if self.late == Late::Refuse { vec![("lag_s", "late is \"refuse\"")] } else { Vec::new() }
     }
 
-    /// `navigator` of vehicle `own` with the window that is asked for.
+    /// A navigator of vehicle `own` with the window that is asked for; a centralised reference as it is.
     #[must_use]
-    pub fn around(&self, navigator: Box<dyn Navigator>, own: VehicleId) -> Box<dyn Navigator> {
-        if self.late == Late::Refuse {
-            return navigator;
+    pub fn around(&self, made: Made, own: VehicleId) -> Made {
+        match made {
+            Made::Navigator(navigator) if self.late != Late::Refuse => {
+                let options = DelayedOptions { late: self.late, lag_s: self.lag_s };
+                Made::Navigator(Box::new(Delayed::around(navigator, own, options)))
+            }
+            as_it_is => as_it_is,
         }
-        let options = DelayedOptions { late: self.late, lag_s: self.lag_s };
-        Box::new(Delayed::around(navigator, own, options))
     }
 }
