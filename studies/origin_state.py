@@ -78,7 +78,7 @@ def consistency(arguments: argparse.Namespace) -> Parts:
         low, high = metrics.anees_bounds(2, runs * vehicles)
         text += (f"{name}, {runs} runs, {' and '.join(spoken or ['all vehicles'])}; "
                  f"95 % of consistent teams: {low:.2f} to {high:.2f}\n\n")  # fmt: skip
-        table: Table = [("navigator", "RMSE (m)", "median (m)", "95 % (m)", "ANEES", "packet (B)", "run (s)")]
+        table: Table = [("navigator", "RMSE (m)", "median (m)", "95 % (m)", "ANEES", "packet (B)")]
         for navigator in dict.fromkeys(row["navigator"] for row in rows):
             own = [row for row in rows if row["navigator"] == navigator]
             size = [row["packet_bytes_mean"] for row in own if row["packet_bytes_mean"] is not None]
@@ -89,7 +89,6 @@ def consistency(arguments: argparse.Namespace) -> Parts:
                 f"{np.median([row['p95_error_m'] for row in own]):.2f}",
                 f"{np.mean([row['anees'] for row in own]):.2f}",
                 f"{np.mean(size):.0f}" if size else "-",
-                f"{np.mean([row['seconds'] for row in own]):.2f}",
             ))  # fmt: skip
         text += shown(table) + "\n"
     return {"consistency": text}
