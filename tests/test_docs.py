@@ -97,7 +97,7 @@ def test_an_untrue_output_is_found() -> None:
 
 def _read_toml(block: pages.Block) -> None:
     table = tomllib.loads(block.text)
-    if block.title.startswith("import"):
+    if (block.title or "").startswith("import"):
         load_config(block.title)
     elif "duration_s" in table and block.title:
         scenario.load(block.title)

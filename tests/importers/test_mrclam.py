@@ -168,7 +168,7 @@ def test_it_can_be_opened_as_any_mission_and_written_as_any_log(tmp_path: Path) 
     assert log.difference(load_log(tmp_path / "set.mcap")) is None
     with pytest.raises(UwcoopError, match="is a folder but no MRCLAM data set"):
         open_mission(tmp_path)
-    with pytest.raises(UwcoopError, match=r"only navigator\.\* can be changed"):
+    with pytest.raises(UwcoopError, match=r"only navigator\.\*, log\.\* and"):
         open_mission(folder, None, None, ["duration_s=3"])
 
 

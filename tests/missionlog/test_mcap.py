@@ -143,6 +143,8 @@ def test_extreme_numbers_come_back_bit_for_bit(
                 values[name] = values[name] > 0
         if kind == "acoustic_fix":
             values |= {"peer": np.ones(count, dtype=int), "transmit_ns": np.full(count, 7)}
+        if "measured_ns" in spec:
+            values["measured_ns"] = np.asarray(times)
         events[kind] = event_columns(kind, t_ns=times, vehicle=np.zeros(count, dtype=int), **values)
     link = Link("m", 1, 1, positive[0], positive[-1], positive[0])
     log = MissionLog("x", 0, ("A", "B"), 2**60, link, events=events)

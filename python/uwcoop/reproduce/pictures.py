@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from uwcoop.errors import ScenarioError
+from uwcoop.missionlog.labelled import Labelled, Variable
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -45,7 +46,24 @@ def _only(flown: Any, shows: tuple[str, ...]) -> Any:
     if clouds is not None:
         held = [str(name) for name in clouds["navigator"].values]
         clouds = clouds.sel(navigator=[name for name in shows if name in held])
-    return replace(flown, tracks=flown.tracks.isel(navigator=kept), packets=packets, clouds=clouds)
+    return replace(flown, recorded=_kept(flown.recorded, kept), packets=packets, clouds=clouds)
+
+
+def _kept(recorded: Labelled, places: list[int]) -> Labelled:
+    """Of the tracks, these navigators."""
+    import numpy as np
+
+    def part(variables: Mapping[str, Variable]) -> dict[str, Any]:
+        return {
+            name: (
+                v.dims,
+                np.take(v.values, places, v.dims.index("navigator")) if "navigator" in v.dims else v.values,
+                v.attrs,
+            )
+            for name, v in variables.items()
+        }
+
+    return Labelled(part(recorded.data_vars), part(recorded.coords), recorded.attrs)
 
 
 def _joined(columns: list[Any]) -> Any:

@@ -147,7 +147,10 @@ def models_by_name() -> dict[str, type[BaseModel]]:
     pending: list[type[BaseModel]] = [BaseModel, Table]
     while pending:
         model = pending.pop()
-        if model.__module__.startswith("uwcoop."):
+        # The file of an import is described by the same means, and has sensors of its own.
+        if model.__module__.startswith("uwcoop.") and not model.__module__.startswith(
+            "uwcoop.importers.import"
+        ):
             found.setdefault(model.__name__, model)
         pending += [inner for inner in model.__subclasses__() if inner is not Table]
     return found

@@ -3,10 +3,11 @@
 //! [`Dmpf::sounding`] reads like Algorithm 1: time update (5)–(8), terrain likelihood (15), weights (9), resampling
 //! (13)–(14), roughening; [`Navigator::handle`] adds the range likelihood (17)–(18) when a packet arrives.
 
+mod modes;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use super::diagnostics::teammates;
@@ -26,8 +27,7 @@ use crate::error::Error;
 use crate::event::{Event, Kind, Payload, VehicleId};
 use crate::kernels::likelihood::{terrain_log_likelihood, terrain_log_likelihood_fast};
 use crate::kernels::pattern::Pattern;
-use crate::mixture::{Mode, fit};
-use crate::packet::{Belief, PacketKind};
+use crate::packet::PacketKind;
 use crate::random::{Purpose, Streams};
 
 /// The paper has no tide; a sounding may lie outside the chart's depths by as much as `mpf` believes of one, m.
@@ -212,24 +212,6 @@ impl Dmpf {
             self.resample();
         }
         outcome
-    }
-}
-
-/// Iterations of EM for a broadcast: more change a mode by less than its rounding.
-const EM_ITERATIONS: usize = 8;
-
-impl Dmpf {
-    /// The cloud as a few modes at `tol_ns`, for a multi-mode broadcast; `None` where one was not asked for.
-    fn modes(&self, tol_ns: i64) -> Option<Vec<(f64, Belief)>> {
-        if self.options.packet != PacketKind::Mixture {
-            return None;
-        }
-        let particles = self.state.core.particles_at(tol_ns);
-        let points: Vec<Vector2<f64>> =
-            particles.east.iter().zip(&particles.north).map(|(e, n)| Vector2::new(*e, *n)).collect();
-        let modes = fit(&points, &particles.weights, self.options.modes, EM_ITERATIONS)?;
-        let belief = |m: &Mode<2>| Belief { mean_m: m.mean, covariance_m2: m.covariance };
-        Some(modes.iter().map(|m| (m.weight, belief(m))).collect())
     }
 }
 

@@ -292,9 +292,7 @@ impl Navigator for Deif {
 
     fn transmit(&mut self, tol_ns: i64, capacity_bytes: usize) -> Result<Option<Arc<[u8]>>, Error> {
         let server = &self.core.server;
-        if let Some(now_ns) = server.filter.now_ns.filter(|now_ns| tol_ns < *now_ns) {
-            return Err(Error::FromThePast { event_ns: tol_ns, now_ns });
-        }
+        server.check_launch(tol_ns)?;
         if self.is_client() {
             return Ok(None);
         }

@@ -45,6 +45,17 @@ pub struct Launch {
 }
 
 impl Server {
+    /// Refuses a launch before what has been handled.
+    ///
+    /// # Errors
+    /// [`Error::FromThePast`].
+    pub fn check_launch(&self, tol_ns: i64) -> Result<(), Error> {
+        match self.filter.now_ns.filter(|now_ns| tol_ns < *now_ns) {
+            Some(now_ns) => Err(Error::FromThePast { event_ns: tol_ns, now_ns }),
+            None => Ok(()),
+        }
+    }
+
     /// The graph of a vehicle whose packets the vehicles with `clients` use; bitmaps look back on `acknowledged`.
     ///
     /// # Errors
