@@ -102,7 +102,7 @@ def test_ranges_on_a_clock_of_their_own_are_aligned_or_refused() -> None:
     }
     right, aligned = of(ranges(None), **told), of(ranges(300.0), **told)
     np.testing.assert_array_equal(aligned.opportunities["toa_ns"], right.opportunities["toa_ns"])
-    with pytest.raises(LogError, match="/one/modem/range of dive.mcap counts time from a zero of its own"):
+    with pytest.raises(LogError, match=r"/one/modem/range of dive.mcap counts time from a zero of its own"):
         of(ranges(300.0), **told, align_clocks=False)
 
 

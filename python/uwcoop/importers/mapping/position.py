@@ -119,7 +119,8 @@ def add_usbl(
 def measured_ns(found: Series, settings: UsblSensor) -> NDArray[np.int64]:
     """(N,) when each position was measured: its stamp less its age."""
     age_s = found.values.get("age", np.full(len(found.t_ns), settings.age_s))
-    return found.t_ns - np.round(np.nan_to_num(np.clip(age_s, 0, 999)) * 1e9).astype(np.int64)
+    age_ns: NDArray[np.int64] = np.round(np.nan_to_num(np.clip(age_s, 0, 999)) * 1e9).astype(np.int64)
+    return found.t_ns - age_ns
 
 
 def _covariance(
