@@ -180,3 +180,17 @@ def test_a_lever_arm_or_mounting_without_effect_is_refused(role: str, told: dict
     with_rate = replace(made, columns={**made.columns, "angular_velocity.z": 0 * T})
     with pytest.raises(LogError, match=f"vehicle a: {role}: {next(iter(told))} has no effect"):
         of(files(a=(with_rate, fixes())), vehicles=[{"name": "a", role: told}])
+
+
+@pytest.mark.parametrize(
+    ("flag", "valid", "invalid"),
+    [("pos", (0x04, 0x07, 0xFFFF), (0x00, 0x01, 0x03, 0xFFFB)), ("xy", (3, 7), (0, 1, 2, 4))],
+)
+def test_imc_states_validity_of_a_position_and_of_each_axis_by_bits(
+    flag: str, valid: tuple[int, ...], invalid: tuple[int, ...]
+) -> None:
+    """IMC 5.4: of GpsFix 0x01 is a valid date, 0x02 a valid time, 0x04 a valid position."""
+    from uwcoop.importers.readers.imc import _has_flag
+
+    assert all(_has_flag(bits, flag) for bits in valid)
+    assert not any(_has_flag(bits, flag) for bits in invalid)
