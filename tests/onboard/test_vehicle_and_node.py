@@ -249,7 +249,11 @@ def test_a_node_hands_over_odometry_after_the_other_sensors_of_its_instant() -> 
     odometry = dict.fromkeys(("forward_m", "left_m", "yaw_change_rad", "cov_fl", "cov_fy", "cov_ly"), 0.0)
     node.take(uwcoop.Event(0, 0, "odometry", **odometry, cov_ff=1.0, cov_ll=1.0, cov_yy=1.0))
     node.take(uwcoop.Event(0, 0, "heading", yaw_rad=0.0, sigma_rad=0.1))
-    node.take(uwcoop.Event(0, 0, "usbl", measured_ns=0, e_m=0.0, n_m=0.0, cov_ee_m2=1.0, cov_en_m2=0.0, cov_nn_m2=1.0))
+    node.take(
+        uwcoop.Event(
+            0, 0, "usbl", measured_ns=0, e_m=0.0, n_m=0.0, cov_ee_m2=1.0, cov_en_m2=0.0, cov_nn_m2=1.0
+        )
+    )
     node.take(uwcoop.Event(0, 0, "motion", velocity_e_mps=0.0, velocity_n_mps=0.0))
     node.advance(0)
     assert handed == ["motion", "heading", "usbl", "odometry"]

@@ -100,7 +100,9 @@ class Water:
 def sensor_messages(log: MissionLog, vehicle: int) -> Iterator[Message]:
     """What a log recorded of one vehicle's sensors, and received, in the order in which a node hands it over."""
     streams = [
-        _rows(kind, KIND_ORDER[kind], log.events[kind], vehicle) for kind in EVENT_COLUMNS if kind in log.events
+        _rows(kind, KIND_ORDER[kind], log.events[kind], vehicle)
+        for kind in EVENT_COLUMNS
+        if kind in log.events
     ]
     if log.receptions:
         streams.append(_received(log, vehicle))
