@@ -167,6 +167,23 @@ def test_odometry_ahead_of_the_point_and_turned_is_that_of_the_point() -> None:
     np.testing.assert_allclose(log.events["odometry"]["yaw_change_rad"], 0.1)
 
 
+def test_within_a_long_gap_of_its_only_source_the_truth_is_unknown() -> None:
+    seen = np.concatenate([T[:15], T[15:] + 100])
+    truth = channel(
+        "/truth", "sensor_msgs/msg/NavSatFix", seen, latitude=LAT0 + 1e-5 * seen, longitude=LON0 + 0 * seen
+    )
+    every = np.arange(140.0)
+    gps = channel(
+        "/gps", "sensor_msgs/msg/NavSatFix", every, latitude=LAT0 + 0 * every, longitude=LON0 + 0 * every
+    )
+    told = {"fix": {"topic": "/gps"}, "truth": {"topic": "/truth"}}
+    log = of(files(a=(gps, truth)), vehicles=[{"name": "a", **told}])
+    assert log.truth is not None
+    position = log.truth.position_m.sel(vehicle="a")
+    assert np.isnan(position.interp(time=[20.0, 60.0, 110.0])).all()
+    assert np.isfinite(position.interp(time=[10.5, 120.5])).all()
+
+
 @pytest.mark.parametrize(
     ("role", "told"),
     [
