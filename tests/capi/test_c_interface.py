@@ -81,4 +81,6 @@ def test_a_c_program_flies_restarts_and_reads_errors(tmp_path: Path) -> None:
     assert "water_depth_m is NaN" in done.stdout
     assert "landmark pair: mover fused 1 positionings" in done.stdout
     assert "role is 2: must be 0 (mover) or 1 (landmark)" in done.stdout
-    assert "kind is 99: must be 0 to 10" in done.stdout
+    assert "kind is 99: must be 0 to 11" in done.stdout
+    (east_m,) = re.findall(r"stations: 2 fused, ([\d.]+) m east", done.stdout)
+    assert float(east_m) == pytest.approx(20.0, abs=1.5)

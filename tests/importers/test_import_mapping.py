@@ -348,9 +348,11 @@ def test_usbl_as_bearing_and_range_from_a_ship_that_turns() -> None:
     }  # fmt: skip
     log = of(fixes("/ship/gps"), imu(yaw, "/ship/imu"), usbl, imu(0 * T), **told)
     table_ = log.events["usbl"]
-    ship_e = log.events["fix"]["e_m"]
-    np.testing.assert_allclose(table_["e_m"], ship_e + 30 * np.sin(yaw), atol=1e-6)
-    np.testing.assert_allclose(table_["n_m"], log.events["fix"]["n_m"] - 30 * np.cos(yaw), atol=1e-6)
+    # Bearing and ship count as they were when it was measured.
+    ship, then = log.events["fix"], np.maximum(T - 0.5, 0)
+    seen = 0.05 * then
+    np.testing.assert_allclose(table_["e_m"], np.interp(then, T, ship["e_m"]) + 30 * np.sin(seen), atol=1e-6)
+    np.testing.assert_allclose(table_["n_m"], np.interp(then, T, ship["n_m"]) - 30 * np.cos(seen), atol=1e-6)
     np.testing.assert_array_equal(table_["t_ns"] - table_["measured_ns"], 500_000_000)
 
 

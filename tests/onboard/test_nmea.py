@@ -14,6 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from onboard_dive import SECOND_NS, scenario
+from uwcoop import Event
 from uwcoop.errors import ScenarioError
 from uwcoop.frames import LocalFrame, Origin
 from uwcoop.onboard import VehicleNavigator
@@ -289,4 +290,36 @@ def test_a_node_hears_sensors_over_udp() -> None:
     assert service.node.counts["fused"] >= 4
     assert made.estimate(clock.now_ns()).status != "not started"
     line.close()
+    wires.close()
+
+
+def test_a_line_that_is_noise_is_counted_in_bounded_memory() -> None:
+    made = driver(heading={"sentence": "HDT", "sigma_deg": 1.0})
+    for k in range(5000):
+        assert made.events(f"$HEHDT,{k}.0,T*00" if k % 256 else f"$GPGGA,{k},{k:x}") == []
+    assert len(made.counts) < 100
+    assert sum(made.counts.values()) == 5000 - made.counts["used"]
+    assert made.counts["other"] == 0
+
+
+def test_a_sentence_that_is_refused_is_not_counted_as_one_of_no_use() -> None:
+    made = driver(heading={"sentence": "HDG", "sigma_deg": 1.0, "declination_deg": "sentence"})
+    assert made.events(sentence("HCHDG", "101.1", "", "", "", "")) == []
+    assert dict(made.counts) == {"refused: heading: variation is missing": 1}
+
+
+def test_a_driver_whose_stamps_are_far_ahead_does_not_fill_the_queue() -> None:
+    """A receiver with another day's time: its events would wait for hours and shut out the others."""
+    clock = SystemClock(time.time_ns() - 5 * SECOND_NS)
+    made = VehicleNavigator(replace(empty_mission(scenario("duration_s=7200")), origin=ORIGIN), "V1")
+    given = [
+        Event(clock.now_ns() + ahead_s * SECOND_NS, 0, "depth", depth_m=2.0, sigma_m=0.1)
+        for ahead_s in (3600, 1)
+    ]
+    wires = open_transport("udp", "V1", ("127.0.0.1", 0), {"watch": ("127.0.0.1", 9)})
+    service = NodeService(made, wires, clock=clock, drivers=(lambda: given,))
+    for event in service.drivers[0]():
+        service._take_of_driver(event)
+    assert service.node.counts["malformed"] == 1
+    assert len(service.node._queue) == 1
     wires.close()

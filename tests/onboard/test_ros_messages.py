@@ -84,6 +84,19 @@ def test_another_frame_and_values_that_are_none_are_refused() -> None:
         event_message_of("depth", "V1", depth, 0, EPOCH_NS)
 
 
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("usbl", "measured_ns"), ("beacon_range", "measured_ns"), ("acoustic_fix", "transmit_ns")],
+)
+def test_times_within_a_message_are_unix_time_too(kind, name) -> None:
+    message = blank(EVENT_TOPICS[kind].msgtype)
+    message.header.frame_id = "map" if EVENT_TOPICS[kind].frame == "map" else "V1/base_link"
+    message.header.stamp.sec = EPOCH_NS // SECOND_NS + 7
+    setattr(message, name, EPOCH_NS + 5 * SECOND_NS)
+    event = event_message_of(kind, "V1", message, 0, EPOCH_NS)
+    assert (event["t_ns"], event[name]) == (7 * SECOND_NS, 5 * SECOND_NS)
+
+
 def test_estimates_and_alarms_become_messages_that_can_be_sent() -> None:
     estimate = {
         "type": "estimate", "vehicle": 0, "t_ns": 61 * SECOND_NS + 5, "mean_m": [120.0, -5.0],

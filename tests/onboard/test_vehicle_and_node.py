@@ -22,6 +22,7 @@ from uwcoop.onboard import (
     read_black_box,
     write_black_box,
 )
+from uwcoop.onboard.channel import sensor_messages
 from uwcoop.onboard.messages import decode, encode
 
 
@@ -168,6 +169,94 @@ def test_late_events_are_counted_and_said_and_change_nothing() -> None:
     assert node.vehicle.save() == state
     assert node.counts["late"] == 1
     assert [m["alarm"] for m in said if m["type"] == "diagnostic"][-1] == "late event"
+
+
+def _shuffled(events: list, chance: random.Random, late_s: float) -> list:
+    """Each comes up to so much after its stamp."""
+    return sorted(events, key=lambda message: message["t_ns"] + chance.random() * late_s * SECOND_NS)
+
+
+def test_with_the_option_late_a_node_puts_events_in_their_place(log, tmp_path) -> None:
+    """Estimates at the end are those of everything in order, also of a node that was killed on the way."""
+    mission = scenario('navigator.team.late="replay"', "navigator.team.lag_s=10")
+    messages = list(sensor_messages(log, 0))
+    came = _shuffled(messages, random.Random(4), 8.0)
+    orderly = Node(VehicleNavigator.from_scenario(mission, "V1"), lambda message: None)
+    for message in messages:
+        assert orderly.take(event_of(message))
+    orderly.advance(log.duration_ns)
+
+    def flown(folder, killed_after: int | None) -> Node:
+        made = VehicleNavigator.from_scenario(mission, "V1")
+        node = Node(made, lambda message: None, Journal(folder, made.digest))
+        for k, message in enumerate(came):
+            if k == killed_after:
+                node.journal.close()
+                made = VehicleNavigator.from_scenario(mission, "V1")
+                node = Node(made, lambda message: None, Journal(folder, made.digest))
+            assert node.take(event_of(message))
+            node.advance(max(node.now_ns, message["t_ns"]), launch_from_ns=0)
+        node.advance(log.duration_ns, launch_from_ns=0)
+        return node
+
+    for name, killed_after in (("whole", None), ("killed", len(came) // 2)):
+        node = flown(tmp_path / name, killed_after)
+        if killed_after is None:
+            assert node.counts["late"] > 20
+            assert node.counts["refused"] == node.counts["rejected"] == 0
+        t_ns = log.duration_ns
+        found, expected_ = node.vehicle.estimate(t_ns), orderly.vehicle.estimate(t_ns)
+        assert found.mean_m.tolist() == expected_.mean_m.tolist()
+        assert found.covariance_m2.tolist() == expected_.covariance_m2.tolist()
+        assert not any(node.take(event_of(message)) for message in came[-50:])
+
+
+def test_a_late_event_is_used_within_the_lag_once_and_after_a_restart_only_if_it_is_no_copy(tmp_path) -> None:
+    mission = scenario('navigator.team.late="replay"', "navigator.team.lag_s=10")
+
+    def node() -> Node:
+        made = VehicleNavigator.from_scenario(mission, "V1")
+        return Node(made, said.append, Journal(tmp_path, made.digest))
+
+    def depth(t_s: float) -> uwcoop.Event:
+        return uwcoop.Event(round(t_s * SECOND_NS), 0, "depth", depth_m=2.0, sigma_m=0.1)
+
+    said: list = []
+    first = node()
+    for t_s in (0, 5, 20):
+        assert first.take(depth(t_s))
+        first.advance(t_s * SECOND_NS)
+    assert first.take(depth(12))
+    assert not first.take(depth(12))
+    assert not first.take(depth(9))
+    assert (first.counts["late"], first.counts["duplicate"]) == (2, 1)
+    assert first.done[0] == 20 * SECOND_NS
+    first.checkpoint()
+    first.journal.close()
+    again = node()
+    assert again.done == first.done
+    assert not again.take(depth(12)), "it was fused before the checkpoint"
+    again.journal.close()
+
+
+def test_a_node_hands_over_odometry_after_the_other_sensors_of_its_instant() -> None:
+    """As the replay does: what a heading tells holds at the end of the odometry."""
+    made = VehicleNavigator.from_scenario(scenario(), "V1")
+    handed: list[str] = []
+    node = Node(made, lambda message: None)
+    handle = made.handle
+    made.handle = lambda event: (handed.append(event.kind), handle(event))[1]
+    odometry = dict.fromkeys(("forward_m", "left_m", "yaw_change_rad", "cov_fl", "cov_fy", "cov_ly"), 0.0)
+    node.take(uwcoop.Event(0, 0, "odometry", **odometry, cov_ff=1.0, cov_ll=1.0, cov_yy=1.0))
+    node.take(uwcoop.Event(0, 0, "heading", yaw_rad=0.0, sigma_rad=0.1))
+    node.take(
+        uwcoop.Event(
+            0, 0, "usbl", measured_ns=0, e_m=0.0, n_m=0.0, cov_ee_m2=1.0, cov_en_m2=0.0, cov_nn_m2=1.0
+        )
+    )
+    node.take(uwcoop.Event(0, 0, "motion", velocity_e_mps=0.0, velocity_n_mps=0.0))
+    node.advance(0)
+    assert handed == ["motion", "heading", "usbl", "odometry"]
 
 
 def test_a_silent_sensor_and_a_missed_slot_raise_alarms_once() -> None:

@@ -43,6 +43,31 @@ static int step(uwcoop_navigator *navigator, int vehicle, int t_s, double *east_
     return 0;
 }
 
+/* Stations that stand: a baseline whose positions come late, and ranges to a beacon; a log of speed through the water. */
+static int stations(void) {
+    uwcoop_navigator *mover = NULL;
+    int fused = 0;
+    CHECK(uwcoop_create("mpf", 0, 2, 1500.0, 7, NULL, NULL, &mover));
+    double fix[5] = {0.0, 0.0, 4.0, 0.0, 4.0}, heading[2] = {0.0, 0.02}, depth[2] = {10.0, 0.1}, log_mps[3] = {1.0, 0.0, 0.05};
+    CHECK(uwcoop_handle(mover, 0, UWCOOP_FIX, fix, 5, NULL));
+    for (int64_t t_s = 0; t_s < 20; t_s++) {
+        CHECK(uwcoop_handle(mover, t_s * SECOND_NS, UWCOOP_HEADING, heading, 2, NULL));
+        CHECK(uwcoop_handle(mover, t_s * SECOND_NS, UWCOOP_DEPTH, depth, 2, NULL));
+        CHECK(uwcoop_handle(mover, t_s * SECOND_NS, UWCOOP_WATER_VELOCITY, log_mps, 3, NULL));
+    }
+    uwcoop_outcome outcome;
+    CHECK(uwcoop_usbl(mover, 20 * SECOND_NS, 18 * SECOND_NS, 18.0, 0.0, 1.0, 0.0, 1.0, &outcome));
+    fused += outcome == UWCOOP_FUSED;
+    CHECK(uwcoop_beacon_range(mover, 20 * SECOND_NS, 20 * SECOND_NS, 120.0, 0.0, 10.0, 100.0, 1.0, 0, &outcome));
+    fused += outcome == UWCOOP_FUSED;
+    if (uwcoop_beacon_range(mover, 20 * SECOND_NS, 20 * SECOND_NS, 120.0, 0.0, 10.0, 100.0, 1.0, 2, NULL) != UWCOOP_BAD_ARGUMENT) return 9;
+    uwcoop_estimate belief;
+    CHECK(uwcoop_get_estimate(mover, 20 * SECOND_NS, &belief));
+    printf("stations: %d fused, %.1f m east\n", fused, belief.mean_m[0]);
+    uwcoop_destroy(mover);
+    return 0;
+}
+
 /* A vehicle that stands on the seabed is the landmark of one that moves: landing, roles, mutual positioning. */
 static int landmark_pair(void) {
     uwcoop_navigator *pair[2] = {NULL, NULL};
@@ -136,5 +161,6 @@ int main(void) {
     uwcoop_destroy(team[0]);
     uwcoop_destroy(team[1]);
     uwcoop_destroy(NULL);
-    return landmark_pair();
+    const int failed = landmark_pair();
+    return failed ? failed : stations();
 }

@@ -59,6 +59,8 @@ enum uwcoop_kind
   UWCOOP_LIFTED_OFF = 9,
   // It took a role: 1, the landmark's; 0, the mover's.
   UWCOOP_ROLE_TAKEN = 10,
+  // Through the water: forward, left, sigma, m/s.
+  UWCOOP_WATER_VELOCITY = 11,
 };
 #ifndef __cplusplus
 typedef int32_t uwcoop_kind;
@@ -226,6 +228,35 @@ uwcoop_code uwcoop_acoustic_fix(uwcoop_navigator *navigator,
                                 double peer_bearing_rad,
                                 double peer_depth_m,
                                 uwcoop_outcome *outcome);
+
+// Hand over, at `t_ns`, a range to a beacon at a known place: the signal arrived at `measured_ns`; slant range and its sigma,
+// m; `one_way` is 1 for a travel time one way, in which the difference of the clocks stands, 0 for one there and back.
+//
+// `outcome` may be null.
+uwcoop_code uwcoop_beacon_range(uwcoop_navigator *navigator,
+                                int64_t t_ns,
+                                int64_t measured_ns,
+                                double beacon_e_m,
+                                double beacon_n_m,
+                                double beacon_depth_m,
+                                double range_m,
+                                double sigma_m,
+                                int32_t one_way,
+                                uwcoop_outcome *outcome);
+
+// Hand over, at `t_ns`, a position by an ultra-short baseline that was measured at `measured_ns`: east, north, m; covariance,
+// m².
+//
+// `outcome` may be null.
+uwcoop_code uwcoop_usbl(uwcoop_navigator *navigator,
+                        int64_t t_ns,
+                        int64_t measured_ns,
+                        double east_m,
+                        double north_m,
+                        double cov_ee_m2,
+                        double cov_en_m2,
+                        double cov_nn_m2,
+                        uwcoop_outcome *outcome);
 
 // Hand over a packet: `t_ns` when decoding ended, `tol_ns` launch, `toa_ns` arrival of the signal's start.
 //

@@ -34,12 +34,14 @@ pub enum uwcoop_kind {
     UWCOOP_LIFTED_OFF = 9,
     /// It took a role: 1, the landmark's; 0, the mover's.
     UWCOOP_ROLE_TAKEN = 10,
+    /// Through the water: forward, left, sigma, m/s.
+    UWCOOP_WATER_VELOCITY = 11,
 }
 
 impl uwcoop_kind {
     /// The kind of this number, which C may choose freely.
     fn of(number: i32) -> Result<Self, Failure> {
-        const ALL: [uwcoop_kind; 11] = [
+        const ALL: [uwcoop_kind; 12] = [
             uwcoop_kind::UWCOOP_MOTION,
             uwcoop_kind::UWCOOP_ODOMETRY,
             uwcoop_kind::UWCOOP_WATER_DEPTH,
@@ -51,9 +53,10 @@ impl uwcoop_kind {
             uwcoop_kind::UWCOOP_LANDED,
             uwcoop_kind::UWCOOP_LIFTED_OFF,
             uwcoop_kind::UWCOOP_ROLE_TAKEN,
+            uwcoop_kind::UWCOOP_WATER_VELOCITY,
         ];
         let found = ALL.into_iter().find(|kind| *kind as i32 == number);
-        found.ok_or_else(|| Failure::Argument(format!("kind is {number}: must be 0 to 10")))
+        found.ok_or_else(|| Failure::Argument(format!("kind is {number}: must be 0 to 11")))
     }
 }
 
@@ -77,6 +80,9 @@ fn payload(kind: uwcoop_kind, values: &[f64]) -> Result<Payload, Failure> {
             Payload::GroundVelocity { velocity_mps: [f, l], sigma_mps }
         }
         (UWCOOP_FIX, &[e, n, ee, en, nn]) => Payload::Fix { position_m: [e, n], covariance_m2: [ee, en, nn] },
+        (UWCOOP_WATER_VELOCITY, &[f, l, sigma_mps]) => {
+            Payload::WaterVelocity { velocity_mps: [f, l], sigma_mps }
+        }
         (UWCOOP_LANDED, &[]) => Payload::Landed,
         (UWCOOP_LIFTED_OFF, &[]) => Payload::LiftedOff,
         (UWCOOP_ROLE_TAKEN, &[role]) if role == 0.0 || role == 1.0 => {
@@ -88,6 +94,28 @@ fn payload(kind: uwcoop_kind, values: &[f64]) -> Result<Payload, Failure> {
         _ => return Err(Failure::Argument(format!("{kind:?} does not have {} values", values.len()))),
     };
     Ok(found)
+}
+
+/// Hands an event over, and writes what became of it.
+///
+/// # Safety
+/// `navigator` and `outcome` as the caller's word has them; `outcome` may be null.
+unsafe fn hand_over(
+    navigator: *mut uwcoop_navigator,
+    t_ns: i64,
+    payload: impl FnOnce() -> Result<Payload, Failure>,
+    outcome: *mut uwcoop_outcome,
+) -> uwcoop_code {
+    // SAFETY: the caller's word.
+    unsafe {
+        with(navigator, |inner, vehicle| {
+            let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload: payload()? })?);
+            if !outcome.is_null() {
+                outcome.write(found);
+            }
+            Ok(())
+        })
+    }
 }
 
 /// Hand over what a sensor said at `t_ns`, a `kind` of `uwcoop_kind`, with its `count` values. Events come in the order of time.
@@ -104,14 +132,8 @@ pub unsafe extern "C" fn uwcoop_handle(
 ) -> uwcoop_code {
     // SAFETY: the caller's word; `values` is valid for `count` values.
     unsafe {
-        with(navigator, |inner, vehicle| {
-            let payload = payload(uwcoop_kind::of(kind)?, slice_of("values", values, count)?)?;
-            let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
-            if !outcome.is_null() {
-                outcome.write(found);
-            }
-            Ok(())
-        })
+        let told = || payload(uwcoop_kind::of(kind)?, slice_of("values", values, count)?);
+        hand_over(navigator, t_ns, told, outcome)
     }
 }
 
@@ -132,24 +154,66 @@ pub unsafe extern "C" fn uwcoop_acoustic_fix(
     outcome: *mut uwcoop_outcome,
 ) -> uwcoop_code {
     let measured = |value: f64| (!value.is_nan()).then_some(value);
+    let payload = Payload::AcousticFix {
+        peer,
+        transmit_ns,
+        range_m: measured(range_m),
+        own_bearing_rad: measured(own_bearing_rad),
+        peer_bearing_rad: measured(peer_bearing_rad),
+        peer_depth_m: measured(peer_depth_m),
+    };
     // SAFETY: the caller's word.
-    unsafe {
-        with(navigator, |inner, vehicle| {
-            let payload = Payload::AcousticFix {
-                peer,
-                transmit_ns,
-                range_m: measured(range_m),
-                own_bearing_rad: measured(own_bearing_rad),
-                peer_bearing_rad: measured(peer_bearing_rad),
-                peer_depth_m: measured(peer_depth_m),
-            };
-            let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
-            if !outcome.is_null() {
-                outcome.write(found);
-            }
-            Ok(())
-        })
-    }
+    unsafe { hand_over(navigator, t_ns, || Ok(payload), outcome) }
+}
+
+/// Hand over, at `t_ns`, a range to a beacon at a known place: the signal arrived at `measured_ns`; slant range and its sigma,
+/// m; `one_way` is 1 for a travel time one way, in which the difference of the clocks stands, 0 for one there and back.
+///
+/// `outcome` may be null.
+#[no_mangle]
+pub unsafe extern "C" fn uwcoop_beacon_range(
+    navigator: *mut uwcoop_navigator,
+    t_ns: i64,
+    measured_ns: i64,
+    beacon_e_m: f64,
+    beacon_n_m: f64,
+    beacon_depth_m: f64,
+    range_m: f64,
+    sigma_m: f64,
+    one_way: i32,
+    outcome: *mut uwcoop_outcome,
+) -> uwcoop_code {
+    let told = || {
+        if !(0..=1).contains(&one_way) {
+            return Err(Failure::Argument(format!("one_way is {one_way}: must be 0 or 1")));
+        }
+        let (beacon_m, one_way) = ([beacon_e_m, beacon_n_m], one_way == 1);
+        Ok(Payload::BeaconRange { measured_ns, beacon_m, beacon_depth_m, range_m, sigma_m, one_way })
+    };
+    // SAFETY: the caller's word.
+    unsafe { hand_over(navigator, t_ns, told, outcome) }
+}
+
+/// Hand over, at `t_ns`, a position by an ultra-short baseline that was measured at `measured_ns`: east, north, m; covariance,
+/// m².
+///
+/// `outcome` may be null.
+#[no_mangle]
+pub unsafe extern "C" fn uwcoop_usbl(
+    navigator: *mut uwcoop_navigator,
+    t_ns: i64,
+    measured_ns: i64,
+    east_m: f64,
+    north_m: f64,
+    cov_ee_m2: f64,
+    cov_en_m2: f64,
+    cov_nn_m2: f64,
+    outcome: *mut uwcoop_outcome,
+) -> uwcoop_code {
+    let covariance_m2 = [cov_ee_m2, cov_en_m2, cov_nn_m2];
+    let payload = Payload::Usbl { measured_ns, position_m: [east_m, north_m], covariance_m2 };
+    // SAFETY: the caller's word.
+    unsafe { hand_over(navigator, t_ns, || Ok(payload), outcome) }
 }
 
 /// Hand over a packet: `t_ns` when decoding ended, `tol_ns` launch, `toa_ns` arrival of the signal's start.
@@ -168,14 +232,10 @@ pub unsafe extern "C" fn uwcoop_receive(
 ) -> uwcoop_code {
     // SAFETY: the caller's word; `packet` is valid for `packet_bytes`.
     unsafe {
-        with(navigator, |inner, vehicle| {
+        let told = || {
             let bytes: Arc<[u8]> = slice_of("packet", packet, packet_bytes)?.into();
-            let payload = Payload::Reception { sender, tol_ns, toa_ns, bytes };
-            let found = outcome_of(inner.handle(&Event { t_ns, vehicle, payload })?);
-            if !outcome.is_null() {
-                outcome.write(found);
-            }
-            Ok(())
-        })
+            Ok(Payload::Reception { sender, tol_ns, toa_ns, bytes })
+        };
+        hand_over(navigator, t_ns, told, outcome)
     }
 }

@@ -270,6 +270,30 @@ fn every_packaged_navigator_has_the_options() {
     assert!(made > 15);
 }
 
+/// A launch takes some navigators ahead of all events: what comes then for an earlier time is late, not an error.
+#[test]
+fn inflated_an_event_from_before_a_launch_is_late() {
+    let context =
+        Context { vehicle: 0, vehicles: 2, sound_speed_mps: 1500.0, seed: 4, ranging: &[true, true] };
+    let mut made = 0;
+    for one in PACKAGED.iter().filter(|one| !one.method.central) {
+        let Ok(mut navigator) = make_navigator(one.name, &context, &options("inflate"), None) else {
+            continue;
+        };
+        navigator.handle(&fix(0, 0, [5.0, 5.0], 4.0)).unwrap();
+        if navigator.transmit(8 * SECOND, 100_000).is_err() {
+            continue;
+        }
+        for second in [6, 7] {
+            let outcome = navigator.handle(&fix(second * SECOND, 0, [5.0, 5.0], 4.0)).unwrap();
+            assert!(matches!(outcome, Outcome::Fused | Outcome::Noted | Outcome::Rejected), "{}", one.name);
+        }
+        navigator.handle(&fix(9 * SECOND, 0, [5.0, 5.0], 4.0)).unwrap();
+        made += 1;
+    }
+    assert!(made > 12, "{made}");
+}
+
 /// Tags lie within the window: a packet that comes after a later one of the same sender is checked in its place.
 #[test]
 fn tags_are_checked_in_order_however_packets_come() {

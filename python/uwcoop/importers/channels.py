@@ -62,6 +62,11 @@ class Channel:
     """(N,) when the recorder wrote each, nanoseconds since 1970."""
 
     @property
+    def key(self) -> tuple[str, str]:
+        """Its file and its name: several files may hold a channel of one name."""
+        return self.source, self.name
+
+    @property
     def count(self) -> int:
         """Number of rows."""
         return len(self.t_ns)

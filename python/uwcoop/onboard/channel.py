@@ -20,7 +20,7 @@ from uwcoop.acoustics.modem import frames_of
 from uwcoop.errors import LogError
 from uwcoop.missionlog.model import EVENT_COLUMNS, Columns, MissionLog
 from uwcoop.onboard.messages import Message, MessageError, decode, encode, integer, octets
-from uwcoop.onboard.node import SECOND_NS
+from uwcoop.onboard.node import KIND_ORDER, SECOND_NS
 
 if TYPE_CHECKING:
     from uwcoop.onboard.transports import Transport
@@ -100,8 +100,8 @@ class Water:
 def sensor_messages(log: MissionLog, vehicle: int) -> Iterator[Message]:
     """What a log recorded of one vehicle's sensors, and received, in the order in which a node hands it over."""
     streams = [
-        _rows(kind, index, log.events[kind], vehicle)
-        for index, kind in enumerate(EVENT_COLUMNS)
+        _rows(kind, KIND_ORDER[kind], log.events[kind], vehicle)
+        for kind in EVENT_COLUMNS
         if kind in log.events
     ]
     if log.receptions:
@@ -123,7 +123,7 @@ def _received(log: MissionLog, vehicle: int) -> Iterator[tuple[tuple[int, int], 
     for row in np.flatnonzero(table["receiver"] == vehicle).tolist():
         times = {name: int(table[name][row]) for name in ("t_ns", "sender", "tol_ns", "toa_ns")}
         message = {"type": "event", "vehicle": vehicle, "kind": "reception", **times}
-        yield (times["t_ns"], len(EVENT_COLUMNS)), {**message, "bytes": log.payloads[row].hex()}
+        yield (times["t_ns"], KIND_ORDER["reception"]), {**message, "bytes": log.payloads[row].hex()}
 
 
 def _plain(value: Any) -> Any:

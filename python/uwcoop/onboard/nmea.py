@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 __all__ = ["NmeaDriver"]
 
 _SECOND_NS = 1_000_000_000
+_MOST_REASONS = 60
+"""A line that is noise has a new reason each time: further ones are counted together."""
 _LAST_NS = 2 * _SECOND_NS
 """Heading and depth that others are derived from are not older."""
 
@@ -91,18 +93,26 @@ class NmeaDriver:
         try:
             reading = parse(line)
         except SentenceError as error:
-            self.counts[f"refused: {error}"[:80]] += 1
+            self._refused(str(error))
             return []
         found: list[Event] = []
+        refused = False
         for kind, table in self._mapping.kinds().items():
             if reading is None or getattr(table, "sentence", None) != reading.sentence:
                 continue
             try:
                 found.append(self._event(kind, table, reading))
             except ValueError as error:
-                self.counts[f"refused: {kind}: {error}"[:80]] += 1
-        self.counts["used" if found else "other"] += 1
+                refused = True
+                self._refused(f"{kind}: {error}")
+        if found or not refused:
+            self.counts["used" if found else "other"] += 1
         return found
+
+    def _refused(self, reason: str) -> None:
+        name = f"refused: {reason}"[:80]
+        known = name in self.counts or len(self.counts) < _MOST_REASONS
+        self.counts[name if known else "refused: for other reasons"] += 1
 
     def said(self) -> list[str]:
         """What is assumed and converted, one line each, for whoever starts the node."""

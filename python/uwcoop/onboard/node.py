@@ -2,7 +2,8 @@
 
 Everything here is a function of the calls that come in, so a node of a simulated dive is that of a real one. Order is
 that of a mission's replay: (time, class, kind, arrival), the class being sensors, receptions, transmit, roles. What comes
-after something later was handed over is late: it is counted and said, and not used.
+after something later was handed over is late: it is counted, and handed over at once to a navigator whose option `late`
+takes it; else it is said and not used.
 """
 
 from __future__ import annotations
@@ -21,12 +22,18 @@ if TYPE_CHECKING:
     from uwcoop.onboard.journal import Journal
     from uwcoop.onboard.vehicle import Slot, VehicleNavigator
 
-__all__ = ["Node"]
+__all__ = ["KIND_ORDER", "Node"]
 
 SECOND_NS = 1_000_000_000
 _SENSOR, _RECEPTION, _TRANSMIT, _ROLE, _SAMPLE = range(5)
 _ROLES = {"landed", "lifted_off", "role_taken"}
-_KINDS = {kind: index for index, kind in enumerate([*EVENT_COLUMNS, "reception", "delivered"])}
+KIND_ORDER = {
+    kind: index
+    for index, kind in enumerate(
+        [*(kind for kind in EVENT_COLUMNS if kind != "odometry"), "odometry", "reception", "delivered"]
+    )
+}
+"""Odometry comes after all other sensors of its instant: a position and a heading hold at its end."""
 RECENT_NS = 60 * SECOND_NS
 """For so long events are known again: a datagram that came twice is fused once."""
 QUEUE_LIMIT = 20_000
@@ -66,6 +73,8 @@ class Node:
         self._queue: list[tuple[Key, int, Event]] = []
         self._arrivals = 0
         self._recent: dict[bytes, int] = {}
+        self._known_from_ns = -1
+        """From here on it is known what was handed over; a late event from before may be a copy."""
         self._slot = 0
         self._next_sample_ns = 0
         self.done: Key = (-1, 0, 0)
@@ -114,8 +123,7 @@ class Node:
             )
             return False
         if key < self.done:
-            self._late(event)
-            return False
+            return self._late(event, line, key)
         if len(self._queue) >= QUEUE_LIMIT:
             self.alarm("queue full", f"{QUEUE_LIMIT} events wait: a source is ahead of the clock")
             self.counts["overflowed"] += 1
@@ -184,15 +192,23 @@ class Node:
 
     def _remember(self, line: bytes, t_ns: int) -> None:
         self._recent[line] = t_ns
-        oldest_ns = self.now_ns - RECENT_NS
-        while len(self._recent) > QUEUE_LIMIT or self._recent[next(iter(self._recent))] < oldest_ns:
-            del self._recent[next(iter(self._recent))]
+        kept_ns = max(RECENT_NS, self.vehicle.late_lag_ns + SECOND_NS)
+        while self._recent:
+            first = next(iter(self._recent))
+            if len(self._recent) <= QUEUE_LIMIT and self._recent[first] >= self.now_ns - kept_ns:
+                return
+            self._known_from_ns = max(self._known_from_ns, self._recent.pop(first))
 
-    def _late(self, event: Event) -> None:
-        # The place of the core's window of late events: until it is there, a late one is not used.
+    def _late(self, event: Event, line: bytes, key: Key) -> bool:
         self.counts["late"] += 1
-        behind_s = (self.now_ns - event.t_ns) / SECOND_NS
-        self.alarm("late event", f"{event.kind} came {behind_s:.3f} s after its turn and is not used")
+        behind_ns = self.now_ns - event.t_ns
+        if behind_ns > self.vehicle.late_lag_ns or event.t_ns <= self._known_from_ns:
+            said = f"{event.kind} came {behind_ns / SECOND_NS:.3f} s after its turn and is not used"
+            self.alarm("late event", said)
+            return False
+        self._remember(line, event.t_ns)
+        self._hand_over(event, key)
+        return True
 
     def _due_slot(self) -> Slot | None:
         slots = self.vehicle.slots
@@ -204,7 +220,7 @@ class Node:
         self._handle(event, key)
 
     def _handle(self, event: Event, key: Key) -> None:
-        self.done = key
+        self.done = max(self.done, key)
         try:
             outcome = self.vehicle.handle(event)
         except NavigatorError as error:
@@ -218,7 +234,8 @@ class Node:
             self._pace[event.kind] = event.t_ns, event.t_ns - self._pace[event.kind][0]
         self._pace.setdefault(event.kind, (event.t_ns, 0))
         if event.kind == "reception" and outcome in {"fused", "noted"}:
-            self.heard_ns[event.fields["sender"]] = event.fields["tol_ns"]
+            sender, tol_ns = event.fields["sender"], event.fields["tol_ns"]
+            self.heard_ns[sender] = max(self.heard_ns.get(sender, tol_ns), tol_ns)
         self.clear(f"{event.kind} silent", f"{event.kind} is back")
 
     def _transmit(self, slot: Slot, key: Key, launch_from_ns: int) -> None:
@@ -279,6 +296,7 @@ class Node:
             self.vehicle.restore(state)
             t_ns, order, kind = kept["done"]
             self.done = t_ns, order, kind
+            self._known_from_ns = t_ns
             self.counts.update(kept["counts"])
             self.heard_ns.update({int(sender): tol_ns for sender, tol_ns in kept["heard_ns"].items()})
         self._again(lines)
@@ -315,7 +333,7 @@ class Node:
 def _key(event: Event) -> Key:
     kind = event.kind
     order = _RECEPTION if kind in {"reception", "delivered"} else _ROLE if kind in _ROLES else _SENSOR
-    return event.t_ns, order, _KINDS[kind]
+    return event.t_ns, order, KIND_ORDER[kind]
 
 
 def _finite(values: list[float]) -> list[float | None]:

@@ -1,7 +1,7 @@
 """ROS 2 messages to and from what a node says, by the log's table of topics; no ROS is needed here.
 
-A message is any object with the fields of its type as attributes: `rclpy`'s and `rosbags`' classes alike. Stamps are UNIX
-time, a mission's are since its epoch.
+A message is any object with the fields of its type as attributes: `rclpy`'s and `rosbags`' classes alike. Stamps, and
+`measured_ns` and `transmit_ns` within a message, are UNIX time, a mission's are since its epoch.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ __all__ = ["event_message_of", "fill_diagnostic", "fill_estimate", "stamp_ns"]
 
 SECOND_NS = 1_000_000_000
 UNOBSERVED_M2 = 1e12
+_TIMES = ("measured_ns", "transmit_ns")
 _OK, _WARN = 0, 1  # diagnostic_msgs/msg/DiagnosticStatus
 
 
@@ -50,7 +51,7 @@ def event_message_of(kind: str, namespace: str, message: Any, vehicle: int, epoc
             if kind != "acoustic_fix" or not math.isnan(value):
                 raise MessageError(f"{kind}: {name} is {value}: must be finite")
             value = None  # not measured
-        found[name] = value
+        found[name] = value - epoch_ns if name in _TIMES else value
     return found
 
 

@@ -114,8 +114,11 @@ class NodeService:
         while not self.ended:
             for source, datagram in self.transport.receive(self._wait_s()):
                 self.datagram(source, datagram)
-            for event in [*self.modem.received(), *(event for driver in self.drivers for event in driver())]:
+            for event in self.modem.received():
                 self.node.take(event)
+            for driver in self.drivers:
+                for event in driver():
+                    self._take_of_driver(event)
             if self.clock is None:
                 self._watch_channel()
             else:
@@ -148,8 +151,7 @@ class NodeService:
             event = event_of(message)
             if source != "channel" and event.kind in {"reception", "delivered"}:
                 raise MessageError(f"{source} sent a {event.kind}: that is the modem's")
-            if self.clock is not None and event.t_ns > self.clock.now_ns() + 60 * SECOND_NS:
-                raise MessageError(f"{event.kind} is stamped more than 60 s ahead of the clock")
+            self._refuse_ahead(event)
             copies = self.node.counts["duplicate"]
             self.node.take(event)
             if source == "channel" and self.node.counts["duplicate"] == copies:
@@ -162,6 +164,19 @@ class NodeService:
             self.ended = True
         elif kind not in {"clock", "end"}:
             raise MessageError(f"type {kind[:20]!r} is unknown")
+
+    def _take_of_driver(self, event: Event) -> None:
+        try:
+            self._refuse_ahead(event)
+        except MessageError as error:
+            self._malformed("a driver", error)
+        else:
+            self.node.take(event)
+
+    def _refuse_ahead(self, event: Event) -> None:
+        """What waits for a time that does not come would fill the queue."""
+        if self.clock is not None and event.t_ns > self.clock.now_ns() + 60 * SECOND_NS:
+            raise MessageError(f"{event.kind} is stamped more than 60 s ahead of the clock")
 
     def _tick(self, t_ns: int, sent: int) -> None:
         if self._baseline is None:

@@ -132,6 +132,8 @@ class VehicleNavigator:
         if authenticator is not None:
             native = native.authenticated(self.index, len(mission.vehicles), authenticator)
         self._native = native
+        self.late_lag_ns = 0 if options.late == "refuse" else round(options.lag_s * 1e9)
+        """How old an event may be that comes after a later one, by the options `late` and `lag_s`; 0: none may."""
         self.slots = _own_slots(mission, self.index)
         """This vehicle's slots, earliest first."""
         self.digest = _digest(mission, self.index, self.navigator, options.stated())

@@ -92,11 +92,19 @@ impl<N: Navigator> Delayed<N> {
     /// Hands an event over now, though it may be late; see [`Late::Inflate`].
     fn handle_now(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, None)?;
-        let Some(now_ns) = self.window.newest_ns.filter(|now_ns| event.t_ns < *now_ns) else {
-            let outcome = self.inner.handle(event)?;
-            self.window.newest_ns = Some(event.t_ns);
-            return Ok(outcome);
-        };
+        let late_by = |newest_ns: Option<i64>| newest_ns.filter(|now_ns| event.t_ns < *now_ns);
+        if late_by(self.window.newest_ns).is_none() {
+            match self.inner.handle(event) {
+                // A launch may have taken the navigator further than any event.
+                Err(Error::FromThePast { now_ns, .. }) => self.window.newest_ns = Some(now_ns),
+                given => {
+                    let outcome = given?;
+                    self.window.newest_ns = Some(event.t_ns);
+                    return Ok(outcome);
+                }
+            }
+        }
+        let Some(now_ns) = late_by(self.window.newest_ns) else { return Ok(self.too_late()) };
         let payload = match &event.payload {
             Payload::Fix { position_m, covariance_m2 } => Payload::Usbl {
                 measured_ns: event.t_ns,
@@ -112,7 +120,14 @@ impl<N: Navigator> Delayed<N> {
         if old || !self.inner.profile().uses.contains(payload.kind()) {
             return Ok(self.too_late());
         }
-        let outcome = self.inner.handle(&Event { t_ns: now_ns, vehicle: event.vehicle, payload })?;
+        let mut moved = Event { t_ns: now_ns, vehicle: event.vehicle, payload };
+        let outcome = match self.inner.handle(&moved) {
+            Err(Error::FromThePast { now_ns, .. }) => {
+                (moved.t_ns, self.window.newest_ns) = (now_ns, Some(now_ns));
+                self.inner.handle(&moved)?
+            }
+            given => given?,
+        };
         if outcome == Outcome::Fused {
             self.window.inflated = self.window.inflated.saturating_add(1);
         }

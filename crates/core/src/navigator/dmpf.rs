@@ -221,16 +221,8 @@ impl Scratch {
         let grid = chart.grid();
         self.pattern.set(&grid, self.offsets.iter().copied());
         if !terrain_log_likelihood_fast(&grid, &self.pattern, east, north, &self.differences, sigma_m, out) {
-            terrain_log_likelihood(
-                &grid,
-                east,
-                north,
-                &self.offsets,
-                &self.differences,
-                sigma_m,
-                f64::NAN,
-                out,
-            );
+            let (offsets, differences) = (&self.offsets, &self.differences);
+            terrain_log_likelihood(&grid, east, north, offsets, differences, sigma_m, f64::NAN, out);
         }
     }
 }

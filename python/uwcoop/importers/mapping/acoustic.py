@@ -10,7 +10,13 @@ import numpy as np
 from uwcoop.acoustics.modem import MODEMS
 from uwcoop.errors import LogError
 from uwcoop.importers.import_config import RangeSource
-from uwcoop.importers.mapping.binding import Binding, filled_columns, find_channel, unclaimed_ranges
+from uwcoop.importers.mapping.binding import (
+    Binding,
+    filled_columns,
+    find_channel,
+    refuse_idle,
+    unclaimed_ranges,
+)
 from uwcoop.importers.mapping.heading import stated_sigma
 from uwcoop.importers.mapping.meanings import is_range_table, range_columns
 from uwcoop.importers.mapping.series import Series, series_of
@@ -27,7 +33,7 @@ if TYPE_CHECKING:
     from uwcoop.importers.mapping.ownership import Owners
     from uwcoop.importers.mapping.vehicle_data import Known, MissionParts
 
-__all__ = ["Ranges", "add_beacon_ranges", "opportunities_of", "read_ranges"]
+__all__ = ["Ranges", "add_beacon_ranges", "opportunities_of", "range_channels", "read_ranges"]
 
 SIGMA_M = 1.0
 
@@ -48,21 +54,22 @@ class Ranges:
 
 
 def read_ranges(
-    config: ImportConfig, owners: Owners, beacons: Sequence[Beacon], offsets: Mapping[str, int]
-) -> tuple[list[Ranges], set[str], list[str]]:
-    """All ranges that are asked for, and those of tables that say from whom and to whom; the channels that hold them, and
-    what is to be said.
+    config: ImportConfig, owners: Owners, beacons: Sequence[Beacon], offsets: Mapping[tuple[str, str], int]
+) -> tuple[list[Ranges], set[tuple[str, str]], list[str]]:
+    """All ranges that are asked for, and those of tables that say from whom and to whom; `Channel.key` of those that hold
+    them, and what is to be said.
 
     Raises:
         LogError: a topic, vehicle or beacon that is not there, or a direction that only the user can tell.
     """
     names = [v.name for v in owners.vehicles] + [b.name for b in beacons]
     found: list[Ranges] = []
-    claimed: set[str] = set()
+    claimed: set[tuple[str, str]] = set()
     said: list[str] = []
     for told in config.ranges:
+        refuse_idle("ranges", "range", told)
         for channel, namesake in _channels(told, owners):
-            claimed.add(channel.name)
+            claimed.add(channel.key)
             found += _read(
                 told,
                 channel,
@@ -70,12 +77,12 @@ def read_ranges(
                 owners,
                 names,
                 said,
-                offsets.get(channel.name, 0),
+                offsets.get(channel.key, 0),
                 config.sound_speed_mps,
             )
     for channel in owners.channels:
-        if is_range_table(channel) and channel.name not in claimed:
-            claimed.add(channel.name)
+        if is_range_table(channel) and channel.key not in claimed:
+            claimed.add(channel.key)
             found += _read(
                 RangeSource(),
                 channel,
@@ -83,13 +90,23 @@ def read_ranges(
                 owners,
                 names,
                 said,
-                offsets.get(channel.name, 0),
+                offsets.get(channel.key, 0),
                 config.sound_speed_mps,
             )
     for channel in unclaimed_ranges(owners, claimed):
         hint = f'[[ranges]] topic = "{channel.name}"'
         said.append(f"{channel.name} looks like acoustic ranges and is not used: {hint}")
     return found, claimed, said
+
+
+def range_channels(config: ImportConfig, owners: Owners) -> list[Channel]:
+    """The channels of which `read_ranges` reads.
+
+    Raises:
+        LogError: a topic that is not there.
+    """
+    told = [channel for table in config.ranges for channel, _ in _channels(table, owners)]
+    return told + [channel for channel in owners.channels if is_range_table(channel)]
 
 
 def _channels(told: RangeSource, owners: Owners) -> list[tuple[Channel, str | None]]:
@@ -104,7 +121,7 @@ def _channels(told: RangeSource, owners: Owners) -> list[tuple[Channel, str | No
         return [(channel, owners.namesake(channel.name))]
     pairs: list[tuple[Channel, str | None]] = []
     for vehicle in owners.vehicles:
-        channel = find_channel(owners, told.topic.replace("{vehicle}", vehicle.name), told.source)
+        channel = find_channel(owners, told.topic.replace("{vehicle}", vehicle.name), told.source, vehicle)
         if channel is not None:
             pairs.append((channel, vehicle.name))
     if not pairs:

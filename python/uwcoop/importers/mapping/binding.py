@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from uwcoop.errors import LogError
 from uwcoop.importers.import_config import ROLES
 from uwcoop.importers.mapping.meanings import channel_meanings, is_acoustic_range
+from uwcoop.importers.mapping.ownership import stem_of
 from uwcoop.importers.quantities import NEEDS, Meaning
 from uwcoop.scenario.base import nearest
 
@@ -20,7 +21,15 @@ if TYPE_CHECKING:
     from uwcoop.importers.import_config import ImportConfig, Sensor, VehicleConfig
     from uwcoop.importers.mapping.ownership import Owners
 
-__all__ = ["Binding", "bind_vehicle", "filled_columns", "find_channel", "stands_back", "unclaimed_ranges"]
+__all__ = [
+    "Binding",
+    "bind_vehicle",
+    "filled_columns",
+    "find_channel",
+    "refuse_idle",
+    "stands_back",
+    "unclaimed_ranges",
+]
 
 _NOT_BESIDE = {
     "pressure": ("depth",),
@@ -30,6 +39,10 @@ _NOT_BESIDE = {
 }
 """What is left out where another source of the same is there, unless it is asked for: both would count twice."""
 _ONLY_STATED = ("truth",)
+_WITH_ARM = (
+    "fix", "usbl", "truth", "ground_velocity", "water_velocity", "odometry", "depth", "pressure", "altimeter",
+)  # fmt: skip
+_WITH_MOUNTING = ("heading", "ground_velocity", "water_velocity", "odometry", "altimeter")
 
 
 @dataclass(frozen=True)
@@ -92,12 +105,37 @@ def stands_back(role: str, found: Mapping[str, object]) -> str:
     return next((other for other in _NOT_BESIDE.get(role, ()) if found.get(other)), "")
 
 
-def find_channel(owners: Owners, topic: str, source: str | None) -> Channel | None:
-    """The channel of a name."""
-    for channel in owners.channels:
-        if topic in (channel.name, channel.name.lstrip("/")) and source in (None, channel.source):
-            return channel
-    return None
+def refuse_idle(where: str, role: str, settings: Sensor) -> None:
+    """Refuse a lever arm or a mounting where nothing is computed with it.
+
+    Raises:
+        LogError: it is told and has no effect.
+    """
+    for name, roles in (("lever_arm_m", _WITH_ARM), ("mounting_deg", _WITH_MOUNTING)):
+        if any(getattr(settings, name)) and role not in roles:
+            raise LogError(f"{where}: {role}: {name} has no effect: it goes with {', '.join(roles)}")
+
+
+def find_channel(
+    owners: Owners, topic: str, source: str | None, vehicle: VehicleConfig | None = None
+) -> Channel | None:
+    """The channel of a name, in the file `source`; None: in the vehicle's own file, where it has one.
+
+    Raises:
+        LogError: several files hold one, and nothing says which is meant.
+    """
+    found = [c for c in owners.channels if topic in (c.name, c.name.lstrip("/"))]
+    if source is not None:
+        return next((c for c in found if source in (c.source, stem_of(c.source))), None)
+    if vehicle is not None:
+        if vehicle.source is not None:
+            return next((c for c in found if vehicle.source in (c.source, stem_of(c.source))), None)
+        found = [c for c in found if stem_of(c.source) == vehicle.name] or found
+    if len(found) > 1:
+        whose = "ranges" if vehicle is None else f"vehicle {vehicle.name}"
+        files = ", ".join(c.source for c in found)
+        raise LogError(f'{whose}: topic {topic!r} is in {files}: source = "…" says which is meant')
+    return found[0] if found else None
 
 
 def _stated(
@@ -118,7 +156,7 @@ def _stated(
         raise LogError(f"vehicle {vehicle.name}: {role}: no channel of it has the columns {wanted}")
     topics = (settings.topic,) if isinstance(settings.topic, str) else settings.topic
     for topic in topics:
-        named = find_channel(owners, topic.replace("{vehicle}", vehicle.name), settings.source)
+        named = find_channel(owners, topic.replace("{vehicle}", vehicle.name), settings.source, vehicle)
         if named is not None:
             rows = owners.rows(vehicle, named) if named.kind == "table" else None
             return _bound(vehicle, role, named, settings, rows)
@@ -221,6 +259,7 @@ def _made(
     settings: Sensor,
     rows: NDArray[np.bool_] | None,
 ) -> Binding:
+    refuse_idle(f"vehicle {vehicle.name}", meaning.role, settings)
     valid = settings.valid or meaning.valid
     if not settings.valid and valid and valid.rsplit(None, 2)[0] not in channel.columns:
         valid = ""
@@ -230,6 +269,6 @@ def _made(
     )  # fmt: skip
 
 
-def unclaimed_ranges(owners: Owners, claimed: set[str]) -> list[Channel]:
+def unclaimed_ranges(owners: Owners, claimed: set[tuple[str, str]]) -> list[Channel]:
     """Channels of acoustic ranges that nobody asked for."""
-    return [c for c in owners.channels if is_acoustic_range(c) and c.name not in claimed]
+    return [c for c in owners.channels if is_acoustic_range(c) and c.key not in claimed]

@@ -25,26 +25,26 @@ _LEAST_ROWS = 20
 _LATE_S = 2.0
 
 
-def clock_offsets(channels: Sequence[Channel], align: bool) -> tuple[dict[str, int], list[str]]:
-    """What is added to each channel's stamps, ns, by its name, and what was found.
+def clock_offsets(channels: Sequence[Channel], align: bool) -> tuple[dict[tuple[str, str], int], list[str]]:
+    """What is added to each channel's stamps, ns, by `Channel.key`, and what was found.
 
     Stamps that count from a zero of their own get the median difference to the recorder's times. A recorder writes a
     message some time after it was stamped: where that time jumps, or grows, the clocks differ, which is said and left
     as it is.
     """
-    offsets: dict[str, int] = {}
+    offsets: dict[tuple[str, str], int] = {}
     said: list[str] = []
     for channel in channels:
         if channel.received_ns is None or not channel.count:
             continue
         late = channel.received_ns - channel.t_ns
         if channel.clock == "own" and align:
-            offsets[channel.name] = int(np.median(late))
+            offsets[channel.key] = int(np.median(late))
             said.append(
                 f"{channel.name}: its stamps count from a zero of their own: moved by "
-                f"{offsets[channel.name] / 1e9:.3f} s to the recorder's clock"
+                f"{offsets[channel.key] / 1e9:.3f} s to the recorder's clock"
             )
-            late = late - offsets[channel.name]
+            late = late - offsets[channel.key]
         elif channel.clock == "utc" and abs(np.median(late)) > _LATE_S * 1e9:
             said.append(
                 f"{channel.name}: stamps are {np.median(late) / 1e9:+.1f} s before the recorder's times "
@@ -87,14 +87,14 @@ def _groups(steps: NDArray[np.int64]) -> int:
     return 1 + int((np.diff(steps) > 5).sum())
 
 
-def common_clock(channels: Sequence[Channel], offsets: dict[str, int]) -> tuple[bool, list[str]]:
+def common_clock(channels: Sequence[Channel], offsets: dict[tuple[str, str], int]) -> tuple[bool, list[str]]:
     """Whether the channels that are used are on UTC, with a note where files share a zero of their own.
 
     Raises:
         LogError: some are and some are not, so that nobody knows how they lie to each other.
     """
-    own = [c for c in channels if c.clock == "own" and c.name not in offsets]
-    utc = [c for c in channels if c.clock == "utc" or c.name in offsets]
+    own = [c for c in channels if c.clock == "own" and c.key not in offsets]
+    utc = [c for c in channels if c.clock == "utc" or c.key in offsets]
     if own and utc:
         raise LogError(
             f"{own[0].name} of {own[0].source} counts time from a zero of its own, {utc[0].name} of "

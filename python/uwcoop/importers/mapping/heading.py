@@ -26,6 +26,7 @@ __all__ = ["add_heading", "add_turn_rate", "declination_deg"]
 
 SIGMA_DEG, SIGMA_DEGPS = 2.0, 0.1
 _MOST_SIGMA_DEG = 60.0
+_DEG = 180 / np.pi
 _DOWN = ("ned", "frd")
 
 
@@ -76,7 +77,7 @@ def add_turn_rate(binding: Binding, found: Series, known: Known, parts: MissionP
     settings = binding.settings
     assert isinstance(settings, TurnRateSensor)
     rate = found.values["turn_rate"] * (-1.0 if binding.frame in _DOWN else 1.0)
-    if np.abs(rate).max() > 200.0 and settings.unit is None:
+    if np.abs(rate).max() > 200.0 and settings.unit is None and "turn_rate" not in binding.units:
         raise LogError(
             f"{binding.where}: it reaches {np.abs(rate).max() / 57.29578:.1f} rad/s: degrees a second? "
             'unit = "deg/s" or "rad/s" says which'
@@ -88,8 +89,8 @@ def add_turn_rate(binding: Binding, found: Series, known: Known, parts: MissionP
     sigma, how = np.full(len(kept.t_ns), settings.sigma_degps or SIGMA_DEGPS), "assumed"
     if settings.sigma_degps is not None:
         how = "as set"
-    elif (stated := stated_sigma(kept)) is not None:
-        sigma, how = np.rad2deg(stated), "as stated"
+    elif (stated := stated_sigma(kept, _DEG)) is not None:
+        sigma, how = stated, "as stated"
     parts.add(
         "turn_rate", known.index, kept.t_ns, yaw_rate_radps=np.deg2rad(kept.values["rate"]),
         sigma_radps=np.deg2rad(sigma),
@@ -124,13 +125,14 @@ def declination_deg(frame: LocalFrame | None, t_ns: int, where: str) -> float:
     return float(found.d)
 
 
-def stated_sigma(found: Series) -> Floats | None:
-    """Standard deviations that every row states, in the file's unit."""
+def stated_sigma(found: Series, of_variance: float = 1.0) -> Floats | None:
+    """Standard deviations that every row states: `sigma` in the quantity's unit (degrees for angles), or the root of
+    `variance` times `of_variance`, since messages hold rad²."""
     for name, power in (("variance", 0.5), ("sigma", 1.0)):
         if name in found.values:
             values = found.values[name]
             if len(values) and (np.isfinite(values) & (values > 0) & (values < 1e6)).all():
-                return np.asarray(values**power)
+                return np.asarray(values**power * (of_variance if name == "variance" else 1.0))
     return None
 
 
@@ -213,7 +215,7 @@ def _sigma_deg(found: Series, settings: HeadingSensor) -> tuple[Floats, str]:
     count = len(found.t_ns)
     if settings.sigma_deg is not None:
         return np.full(count, settings.sigma_deg), f"sigma {settings.sigma_deg:g} deg as set"
-    stated = stated_sigma(found)
-    if stated is not None and np.rad2deg(stated).max() < _MOST_SIGMA_DEG:
-        return np.rad2deg(stated), f"sigma {np.rad2deg(np.median(stated)):.3g} deg as stated"
+    stated = stated_sigma(found, _DEG)
+    if stated is not None and stated.max() < _MOST_SIGMA_DEG:
+        return stated, f"sigma {np.median(stated):.3g} deg as stated"
     return np.full(count, SIGMA_DEG), f"sigma {SIGMA_DEG:g} deg assumed"

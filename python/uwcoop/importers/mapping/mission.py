@@ -13,12 +13,18 @@ from uwcoop.errors import LogError
 from uwcoop.frames import Origin
 from uwcoop.importers.import_config import ImportConfig, UsblSensor
 from uwcoop.importers.mapping import heading, position, velocity, vertical
-from uwcoop.importers.mapping.acoustic import Ranges, add_beacon_ranges, opportunities_of, read_ranges
+from uwcoop.importers.mapping.acoustic import (
+    Ranges,
+    add_beacon_ranges,
+    opportunities_of,
+    range_channels,
+    read_ranges,
+)
 from uwcoop.importers.mapping.binding import Binding, bind_vehicle
 from uwcoop.importers.mapping.clocks import clock_offsets, common_clock, utc_text
 from uwcoop.importers.mapping.course_check import course_lines
 from uwcoop.importers.mapping.ownership import Owners, stem_of
-from uwcoop.importers.mapping.series import Series, series_of
+from uwcoop.importers.mapping.series import Series, interpolated, series_of
 from uwcoop.importers.mapping.truth import truth_of
 from uwcoop.importers.mapping.vehicle_data import Known, MissionParts
 from uwcoop.importers.times import parse_times
@@ -59,13 +65,13 @@ def mission_of(sources: Sequence[SourceFile], config: ImportConfig) -> MissionLo
         bound[vehicle.name], notes = bind_vehicle(config, owners, vehicle)
         said += notes
     _refuse_nothing(bound, sources)
-    channels = [b.channel for bindings in bound.values() for b in bindings]
+    channels = [b.channel for bindings in bound.values() for b in bindings] + range_channels(config, owners)
     offsets, notes = clock_offsets(list({id(c): c for c in channels}.values()), config.align_clocks)
     said += notes
     absolute, notes = common_clock(channels, offsets)
     said += notes
     read = {
-        name: [(b, series_of(b, offsets.get(b.channel.name, 0))) for b in own] for name, own in bound.items()
+        name: [(b, series_of(b, offsets.get(b.channel.key, 0))) for b in own] for name, own in bound.items()
     }
     ranges, claimed, range_said = read_ranges(config, owners, config.beacons, offsets)
     frame, how = position.local_frame(config, [item for own in read.values() for item in own])
@@ -77,7 +83,7 @@ def mission_of(sources: Sequence[SourceFile], config: ImportConfig) -> MissionLo
     parts.said += range_said
     add_beacon_ranges(ranges, config.beacons, known, parts)
     parts.said.append(f"frame: {how}" + ("" if frame is None else f"; {frame.description}"))
-    unused = _unused(sources, {c.name for c in channels} | claimed)
+    unused = _unused(sources, {c.key for c in channels} | claimed)
     said = [*said, *parts.said, *([unused] if unused else [])]
     return _assembled(config, link, sources, known, parts, ranges, read, absolute, said)
 
@@ -126,14 +132,8 @@ def _add_usbl(known: Sequence[Known], read: Mapping[str, Sequence[Read]], parts:
                 if fixes is None:
                     raise LogError(f"{binding.where}: ship {carrier.name} has no fixes")
                 series = series.thinned("usbl", settings.max_rate_hz)
-                at = [
-                    np.interp(
-                        (series.t_ns - fixes["t_ns"][0]) / 1e9,
-                        (fixes["t_ns"] - fixes["t_ns"][0]) / 1e9,
-                        fixes[axis],
-                    )
-                    for axis in ("e_m", "n_m")
-                ]
+                measured_ns = position.measured_ns(series, settings)
+                at = [interpolated(measured_ns, fixes["t_ns"], fixes[axis]) for axis in ("e_m", "n_m")]
                 ship = carrier, np.column_stack(at)
             position.add_usbl(binding, series, own, parts, ship)
 
@@ -142,8 +142,8 @@ def _of_vehicle(tables: Sequence[Columns], vehicle: int) -> Columns | None:
     return next((t for t in tables if len(t["vehicle"]) and t["vehicle"][0] == vehicle), None)
 
 
-def _unused(sources: Sequence[SourceFile], used: set[str]) -> str:
-    rest = [c.name for s in sources for c in s.channels if c.name not in used]
+def _unused(sources: Sequence[SourceFile], used: set[tuple[str, str]]) -> str:
+    rest = [c.name for s in sources for c in s.channels if c.key not in used]
     rest += [f"{o.name} ({o.reason})" for s in sources for o in s.omitted if o.count]
     if not rest:
         return ""

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-__all__ = ["add_fix", "add_usbl", "local_frame", "positions_m"]
+__all__ = ["add_fix", "add_usbl", "local_frame", "measured_ns", "positions_m"]
 
 SIGMA_M = {"fix": 5.0, "usbl": 5.0, "truth": 5.0}
 _FLOOR_M2 = 1e-4
@@ -95,24 +95,32 @@ def add_usbl(
     """`usbl` events: positions, or what bearing, elevation and range from a transceiver give.
 
     Args:
-        ship: the vehicle that carries the transceiver, and its (N, 2) position at each stamp.
+        ship: the vehicle that carries the transceiver, and its (N, 2) position when each was measured.
     """
     settings = binding.settings
     assert isinstance(settings, UsblSensor)
     found = found.thinned("usbl", settings.max_rate_hz)
-    age = found.values.get("age", np.full(len(found.t_ns), settings.age_s))
-    measured = found.t_ns - np.round(np.nan_to_num(np.clip(age, 0, 999)) * 1e9).astype(np.int64)
+    measured = measured_ns(found, settings)
     if "bearing" in found.values:
-        at, (ee, en, nn), how = _of_bearings(binding, found, known, ship)
+        at, (ee, en, nn), how = _of_bearings(binding, found, measured, known, ship)
     else:
         at = positions_m(binding, found, known)
         ee, en, nn, how = _covariance(binding, found, settings)
+    at = at - known.offset_m(settings.lever_arm_m, measured)[:, :2]
     parts.add(
         "usbl", known.index, found.t_ns, measured_ns=measured, e_m=at[:, 0], n_m=at[:, 1], cov_ee_m2=ee, cov_en_m2=en,
         cov_nn_m2=nn,
     )  # fmt: skip
-    aged = f", {np.median(age):.3g} s old" if np.any(age) else ""
+    age_s = float(np.median(found.t_ns - measured)) / 1e9
+    aged = f", {age_s:.3g} s old" if age_s else ""
     parts.said.append(sentence(binding, found, how + aged))
+
+
+def measured_ns(found: Series, settings: UsblSensor) -> NDArray[np.int64]:
+    """(N,) when each position was measured: its stamp less its age."""
+    age_s = found.values.get("age", np.full(len(found.t_ns), settings.age_s))
+    age_ns: NDArray[np.int64] = np.round(np.nan_to_num(np.clip(age_s, 0, 999)) * 1e9).astype(np.int64)
+    return found.t_ns - age_ns
 
 
 def _covariance(
@@ -146,7 +154,11 @@ def _covariance(
 
 
 def _of_bearings(
-    binding: Binding, found: Series, known: Known, ship: tuple[Known, Floats] | None
+    binding: Binding,
+    found: Series,
+    measured: NDArray[np.int64],
+    known: Known,
+    ship: tuple[Known, Floats] | None,
 ) -> tuple[Floats, tuple[Floats, Floats, Floats], str]:
     settings = binding.settings
     assert isinstance(settings, UsblSensor)
@@ -157,7 +169,7 @@ def _of_bearings(
             raise LogError(
                 f"{binding.where}: ship {carrier.name} has no heading, from which its bearings count"
             )
-        yaw, _, _ = carrier.attitude.at(found.t_ns)
+        yaw, _, _ = carrier.attitude.at(measured)
         heading = 90.0 - np.rad2deg(yaw) + settings.transceiver_heading_deg
     elif settings.transceiver_deg is not None and known.frame is not None:
         base = np.repeat(
@@ -171,7 +183,7 @@ def _of_bearings(
     if "elevation" in found.values:
         level = slant * np.cos(np.deg2rad(found.values["elevation"]))
     else:
-        depth = known.depth_at(found.t_ns)
+        depth = known.depth_at(measured)
         drop = (np.zeros(len(slant)) if depth is None else depth) - settings.transceiver_depth_m
         level = np.sqrt(np.maximum(slant**2 - drop**2, 0.0))
     azimuth = np.deg2rad(heading + found.values["bearing"])

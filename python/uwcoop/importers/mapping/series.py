@@ -77,6 +77,8 @@ def quantity(binding: Binding, name: str, label: str) -> Floats:
     """A column in SI units, angles in degrees."""
     channel = binding.channel
     values = channel.numbers(label)
+    if name == "sigma":
+        return values * _sigma_factor(binding, label)
     dimension = DIMENSIONS.get(name)
     if dimension is None or dimension == "number":
         return values
@@ -95,6 +97,19 @@ def _unit(binding: Binding, name: str, label: str, dimension: str) -> str:
     return unit_of_label(label, dimension) or _BASE[dimension]
 
 
+def _sigma_factor(binding: Binding, label: str) -> float:
+    """A standard deviation is in the unit that its column states, else in that of what it belongs to."""
+    main = _main_quantity(binding)
+    dimension = _SIGMA_OF.get(binding.role, DIMENSIONS.get(main, "length"))
+    stated = binding.channel.units.get(label, "")
+    unit = stated if stated and known_unit(stated, dimension) else unit_of_label(label, dimension)
+    if not unit and main and DIMENSIONS[main] == dimension:
+        unit = _unit(binding, main, binding.columns[main], dimension)
+    return factor_of(unit or _BASE[dimension], dimension, binding.where)
+
+
+_SIGMA_OF = {"fix": "length", "usbl": "length", "truth": "length", "range": "length", "heading": "angle"}
+"""Dimension of a standard deviation by role, where it is not that of the quantity."""
 _BASE = {
     "angle": "deg", "length": "m", "speed": "m/s", "rate": "rad/s", "pressure": "pa", "field": "t", "time": "s",
 }  # fmt: skip

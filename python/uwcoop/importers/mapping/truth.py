@@ -51,12 +51,15 @@ def truth_of(
         return None
     import xarray as xr
 
-    t_ns = np.unique(np.concatenate([own for own, _ in paths.values()]))
+    # An instant within each long gap, at which the truth is unknown: nobody draws a line over it.
+    gaps = {index: np.flatnonzero(np.diff(own) > _LONGEST_GAP_S * 1e9) for index, (own, _) in paths.items()}
+    middles = [(paths[index][0][k] + paths[index][0][k + 1]) // 2 for index, k in gaps.items()]
+    t_ns = np.unique(np.concatenate([*(own for own, _ in paths.values()), *middles]))
     position = np.full((len(names), len(t_ns), 2), np.nan)
     for index, (own_ns, at) in paths.items():
         for axis in range(2):
             position[index, :, axis] = np.interp(t_ns, own_ns, at[:, axis], left=np.nan, right=np.nan)
-        for k in np.flatnonzero(np.diff(own_ns) > _LONGEST_GAP_S * 1e9):
+        for k in gaps[index]:
             position[index, (t_ns > own_ns[k]) & (t_ns < own_ns[k + 1])] = np.nan
     return xr.Dataset(
         {"position_m": (("vehicle", "time", "axis"), position, {"units": "m"})},

@@ -97,6 +97,9 @@ def add_odometry(binding: Binding, found: Series, known: Known, parts: MissionPa
     x, y = values["x"], values["y"]
     if binding.frame == "ned":
         x, y, yaw = y, x, np.pi / 2 - yaw
+    yaw = yaw - np.deg2rad(settings.mounting_deg[2])
+    forward, left, _ = settings.lever_arm_m
+    x, y = x - forward * np.cos(yaw) + left * np.sin(yaw), y - forward * np.sin(yaw) - left * np.cos(yaw)
     rate = settings.max_rate_hz or 1 / _ODOMETRY_STEP_S
     kept = Series(found.t_ns, {"x": x, "y": y, "yaw": np.unwrap(yaw)}, found.total, found.said).thinned(
         "odometry", rate

@@ -30,6 +30,8 @@ _MOST_SIGMA_M = 50.0
 _LONGEST_GAP_S = 10.0
 _GAUGE_PA = 60_000.0
 """Lower pressures occur below no open sky: a gauge's zero is the surface."""
+_GAUGE_SHARE = 0.01
+"""So many readings below are no glitches: a gauge that was near the surface, however deep the dive."""
 
 
 def add_depth(binding: Binding, found: Series, known: Known, parts: MissionParts) -> None:
@@ -45,7 +47,7 @@ def add_pressure(binding: Binding, found: Series, known: Known, parts: MissionPa
     pressure = found.values["pressure"]
     if settings.surface_pa is not None:
         surface, how = settings.surface_pa, "as set"
-    elif np.median(pressure) < _GAUGE_PA and pressure.min() < _GAUGE_PA:
+    elif np.mean(pressure < _GAUGE_PA) >= _GAUGE_SHARE:
         surface, how = 0.0, "taken as that of a gauge"
     else:
         surface, how = ATMOSPHERE_PA, "standard"

@@ -132,6 +132,8 @@ def _channel(source: str, name: str, kind: str, rows: list[tuple[float, Any]]) -
 
 _FLAGS = {"GpsFix": ("pos",), "GroundVelocity": ("xy",), "WaterVelocity": ("xy",)}
 """Of the bit field `validity`, which become columns."""
+_BITS = {"pos": 0x04, "xy": 0x03}
+"""GFV_VALID_POS (0x01 is the date's, 0x02 the time's); VAL_VEL_X and VAL_VEL_Y."""
 
 
 def _fields(message: Any) -> dict[str, Any]:
@@ -171,5 +173,5 @@ def _number(value: Any) -> float:
 
 
 def _has_flag(value: Any, flag: str) -> bool:
-    bits = int(value)
-    return bool(bits & 1) if flag == "pos" else bits & 0b11 == 0b11
+    wanted = _BITS[flag]
+    return int(value) & wanted == wanted

@@ -332,13 +332,9 @@ impl Navigator for Deif {
     }
 
     fn profile(&self) -> Profile {
-        let oracle = self.repair == Repair::Oracle;
-        Profile {
-            takes_ranges: self.is_client(),
-            has_checksum: true,
-            needs_delivery_oracle: oracle,
-            uses: LOCAL_SENSORS.with(Kind::Reception, self.is_client()).with(Kind::Delivered, oracle),
-        }
+        let (takes_ranges, oracle) = (self.is_client(), self.repair == Repair::Oracle);
+        let uses = LOCAL_SENSORS.with(Kind::Reception, takes_ranges).with(Kind::Delivered, oracle);
+        Profile { takes_ranges, has_checksum: true, needs_delivery_oracle: oracle, uses }
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {

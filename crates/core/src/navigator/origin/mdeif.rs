@@ -326,13 +326,10 @@ impl Navigator for Mdeif {
     }
 
     fn profile(&self) -> Profile {
-        Profile {
-            takes_ranges: self.uses_ranges(self.own),
-            has_checksum: true,
-            needs_delivery_oracle: false,
-            // One that uses no ranges still reads what packets acknowledge.
-            uses: LOCAL_SENSORS.with(Kind::Reception, true),
-        }
+        let takes_ranges = self.uses_ranges(self.own);
+        // One that uses no ranges still reads what packets acknowledge.
+        let uses = LOCAL_SENSORS.with(Kind::Reception, true);
+        Profile { takes_ranges, has_checksum: true, needs_delivery_oracle: false, uses }
     }
 
     fn diagnostics(&self) -> Vec<(&'static str, f64)> {
