@@ -66,6 +66,37 @@ fn who_hears_nobody_is_mpf_without_ranges_bit_for_bit() {
 }
 
 #[test]
+fn the_referee_is_mpf_without_ranges_bit_for_bit_whatever_is_heard() {
+    let chart = rich();
+    let mut fleet: Vec<_> =
+        (0..3).map(|v| team_of(v, team_options(3, PARTICLES), Some(chart.clone()))).collect();
+    let mut options = mpf_options(PARTICLES);
+    options.range = None;
+    let mut alone: Vec<_> = (0..3).map(|v| mpf::<2>(v, 3, options, &chart, 5)).collect();
+    let (mut heard, mut differs) = (0, 0);
+    for act in acts(3, 200) {
+        match act {
+            Act::Event(event) => {
+                let v = usize::from(event.vehicle);
+                fleet[v].handle(&event).unwrap();
+                alone[v].handle(&event).unwrap();
+                let lone = fleet[v].lone().unwrap().state.core.estimate(event.t_ns);
+                assert_eq!(bits(&alone[v].estimate(event.t_ns)), bits(&lone), "{event:?}");
+                differs += u32::from(bits(&lone) != bits(&fleet[v].estimate(event.t_ns)));
+            }
+            Act::Launch { vehicle, tol_ns } => {
+                let bytes = fleet[usize::from(vehicle)].transmit(tol_ns, CAPACITY).unwrap().unwrap();
+                for event in receptions(vehicle, 3, tol_ns, &bytes) {
+                    let outcome = fleet[usize::from(event.vehicle)].handle(&event).unwrap();
+                    heard += u32::from(outcome == Outcome::Fused);
+                }
+            }
+        }
+    }
+    assert!(heard > 100 && differs > 100, "{heard} packets fused, {differs} estimates differ");
+}
+
+#[test]
 fn who_hears_its_team_knows_more_than_alone() {
     let flat = || fleet_over(Some(chart_of(flat_depth)), PARTICLES);
     let (mut together, mut apart) = (flat(), flat());

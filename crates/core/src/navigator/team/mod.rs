@@ -151,6 +151,12 @@ impl<const K: usize> Team<K> {
         &self.terrain
     }
 
+    /// The filter without ranges that judges the own core; none where it is left out.
+    #[must_use]
+    pub fn lone(&self) -> Option<&TerrainCore<K>> {
+        self.lone.as_ref()
+    }
+
     /// Mean and covariance [ee, en, nn] of a teammate's position at the launch of its last packet, m and m².
     #[must_use]
     pub fn teammate(&self, vehicle: VehicleId) -> Option<(i64, [f64; 2], [f64; 3])> {
@@ -208,7 +214,8 @@ impl<const K: usize> Navigator for Team<K> {
     fn handle(&mut self, event: &Event) -> Result<Outcome, Error> {
         check_event(event, self.own, self.terrain.state.core.now_ns())?;
         self.radio.check_sender(&event.payload)?;
-        if let Some(lone) = &mut self.lone {
+        // A step at a reception would draw on: not told of any, it is `mpf` without ranges bit for bit.
+        if let (Some(lone), false) = (&mut self.lone, matches!(event.payload, Payload::Reception { .. })) {
             lone.handle(event);
         }
         if let Some(end_ns) = self.terrain.state.core.motion_ends_before(event.t_ns) {
