@@ -9,6 +9,7 @@ use uwcoop_core::event::{Event, Payload};
 use uwcoop_core::information::Information;
 use uwcoop_core::information::replica::Methods;
 use uwcoop_core::navigator::Navigator;
+use uwcoop_core::navigator::origin::lasting::LastingOptions;
 use uwcoop_core::navigator::origin::local_options::LocalOptions;
 use uwcoop_core::navigator::origin::mdeif::{Mdeif, MdeifOptions};
 use uwcoop_core::packet::graph::GraphForm;
@@ -25,7 +26,7 @@ fn mdeif(own: u16, form: GraphForm) -> Option<Mdeif> {
         ..LocalOptions::default()
     };
     let methods = Methods { joint: true, lags: 2, equation_6: true, loss_max: 1e-4 };
-    let options = MdeifOptions { local, form, exact_lags: 2, methods };
+    let options = MdeifOptions { local, form, exact_lags: 2, methods, lasting: LastingOptions::NONE };
     Mdeif::new(own, &[false, true], options, 1500.0).ok()
 }
 

@@ -134,8 +134,8 @@ def run(
     if truth:
         from uwcoop.experiment.given_truth import with_truth
 
-        is_file = isinstance(mission, str | Path) and Path(mission).suffix == LOG_SUFFIX
-        log = with_truth(log, truth, Path(mission) if is_file else None)
+        place = Path(mission) if isinstance(mission, str | Path) else None
+        log = with_truth(log, truth, place if place is not None and place.suffix == LOG_SUFFIX else None)
     held: Columns = {}
     if hold_out is not None:
         log, held = withhold(log, parse_request(hold_out))
