@@ -141,16 +141,17 @@ def default_of(key: str, value: Mapping[str, Any], schema: Mapping[str, Any], *,
     return required if key in schema.get("required", ()) and "default" not in value else ""
 
 
+_HOMES = ("uwcoop.scenario.", "uwcoop.navigators.")
+"""Where models of scenario files live; the importers have classes of the same names."""
+
+
 def models_by_name() -> dict[str, type[BaseModel]]:
     """Every model of a scenario's tables by its class name; tables inside a navigator's options too."""
     found: dict[str, type[BaseModel]] = {}
     pending: list[type[BaseModel]] = [BaseModel, Table]
     while pending:
         model = pending.pop()
-        # The file of an import is described by the same means, and has sensors of its own.
-        if model.__module__.startswith("uwcoop.") and not model.__module__.startswith(
-            "uwcoop.importers.import"
-        ):
+        if model.__module__.startswith(_HOMES):
             found.setdefault(model.__name__, model)
         pending += [inner for inner in model.__subclasses__() if inner is not Table]
     return found
