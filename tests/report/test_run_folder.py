@@ -85,3 +85,13 @@ def test_a_mission_without_a_chart_has_a_map_and_a_replay_all_the_same(
         "replay.rrd",
     }
     assert not notes
+
+
+def test_pictures_have_the_format_that_is_asked_for(result: RunResult, tmp_path: Path) -> None:
+    output.write_run(result, tmp_path, lambda line: None)
+    written = output.write_run(result, tmp_path, lambda line: None, pictures="svg")
+    assert written == ["summary.json", "scenario.json", "tracks.nc", "errors.svg", "map.svg", "replay.rrd"]
+    assert {p.name for p in tmp_path.iterdir()} == set(written), "the earlier run's pictures are gone"
+    assert "<svg" in (tmp_path / "map.svg").read_text(encoding="utf-8")[:500]
+    with pytest.raises(ValueError, match="must be one of png, pdf, svg"):
+        output.write_run(result, tmp_path, lambda line: None, pictures="gif")

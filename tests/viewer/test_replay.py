@@ -278,3 +278,22 @@ def test_view_binds_to_this_machine_only(tmp_path: Path, monkeypatch: pytest.Mon
     with pytest.raises(UwcoopError, match="code 1"):
         viewer.view(tmp_path, web=True)
     assert "--web-viewer" in calls[1]
+
+
+def test_where_the_origin_is_known_paths_are_on_a_map_of_the_earth(example: Mission, tmp_path: Path) -> None:
+    pytest.importorskip("pyproj", reason="pyproj is not installed")
+    from dataclasses import replace
+
+    from uwcoop.frames import LocalFrame, Origin
+
+    origin = Origin(18.32, -64.76, "EPSG:32620")
+    path = tmp_path / viewer.REPLAY_NAME
+    log = replace(example.log, origin=origin)
+    viewer.write_replay(path, example.tracks, example.packets, example.clouds, example.chart, log)
+    recording = Recording(path)
+    degrees = recording.column("/earth/mpf/auv-2/now", "GeoPoints:positions")
+    estimate = example.tracks.position_m.sel(navigator="mpf", vehicle="auv-2").values
+    whole = np.isclose(example.tracks.time.values % 1, 0)
+    wanted = LocalFrame(origin).to_geographic(estimate[whole])
+    np.testing.assert_allclose(np.array([row[0] for row in degrees if row]), wanted, atol=1e-9)
+    assert len(recording.column("/earth/truth/auv-2", "GeoLineStrings:line_strings")) == 1

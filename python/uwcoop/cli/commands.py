@@ -19,6 +19,7 @@ from uwcoop.cli.options import (
     HoldOutOption,
     JsonOption,
     NavigatorsOption,
+    PicturesOption,
     ScenarioArgument,
     SeedOption,
     SetOption,
@@ -179,6 +180,7 @@ def run(
     hold_out: HoldOutOption = None,
     truth: TruthOption = None,
     figures: FiguresOption = False,
+    pictures: PicturesOption = "png",
 ) -> None:
     """Replay a mission through navigators: a table and, with -o, tracks, pictures and a Rerun replay."""
     from uwcoop.evaluation.metrics import summary_text
@@ -188,6 +190,7 @@ def run(
 
     names = names_of(navigator) or None
     needs_folder(figures, output, "--figures")
+    needs_folder(pictures != "png", output, "--pictures")
     if output is not None:
         check_folder(output, RUN_FILES)
     with progress(f"opening {mission}", len(names) if names else None) as step:
@@ -206,7 +209,7 @@ def run(
         )
     print_notes(result.log)
     if output is not None:
-        files = write_run(result, output, say, figures=figures)
+        files = write_run(result, output, say, figures=figures, pictures=pictures)
     print_run(result, terminal(err=as_json))
     if output is not None:
         say_written(files, output)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -61,6 +61,10 @@ JsonOption = Annotated[
 ]
 FiguresOption = Annotated[
     bool, typer.Option("--figures", help="Draw further pictures into DIR, as far as there are data for them.")
+]
+PicturesOption = Annotated[
+    Literal["png", "pdf", "svg"],
+    typer.Option("--pictures", help="Format of the pictures: errors.pdf in place of errors.png."),
 ]
 WithoutOption = Annotated[
     list[str] | None,

@@ -29,7 +29,12 @@ _CHART_DPI = 130
 
 
 def write_run(
-    result: RunResult, folder: Path, note: Callable[[str], None], *, figures: bool = False
+    result: RunResult,
+    folder: Path,
+    note: Callable[[str], None],
+    *,
+    figures: bool = False,
+    pictures: str = "png",
 ) -> list[str]:
     """Write `summary.json`, `scenario.json`, `tracks.nc`, `errors.png`, `map.png` and `replay.rrd`.
 
@@ -42,23 +47,34 @@ def write_run(
             information gains (`information.png`) and the origin state (`origin.png`); of missions with
             a landmark `trajectories.png`, `velocities.png`, `offsets.png` and `reconstruction.png`.
 
+        pictures: the format of all pictures, one of `PICTURES`, in place of `.png`.
+
     Returns:
         Names of the files written.
 
     Raises:
         OSError: the folder cannot be written; it is as it was then.
+        ValueError: another format.
     """
+    if pictures not in PICTURES:
+        raise ValueError(f"format of pictures {pictures!r} must be one of {', '.join(PICTURES)}")
     with atomic_folder(folder, RUN_FILES) as partial:
-        return write_run_files(result, partial, note, figures=figures)
+        return write_run_files(result, partial, note, figures=figures, pictures=pictures)
 
 
 def write_run_files(
-    result: RunResult, folder: Path, note: Callable[[str], None], *, figures: bool = False
+    result: RunResult,
+    folder: Path,
+    note: Callable[[str], None],
+    *,
+    figures: bool = False,
+    pictures: str = "png",
 ) -> list[str]:
     """As `write_run`, into a folder that exists and is put in its place by the caller."""
     writers = _writers(figures=figures, exchanges_roles="role_taken" in result.log.events)
     written = []
-    for name, write in writers.items():
+    for png_name, write in writers.items():
+        name = _file_name(png_name, pictures)
         check()
         try:
             write(result, folder / name)
@@ -280,5 +296,16 @@ def _writers(*, figures: bool, exchanges_roles: bool) -> dict[str, Callable[[Run
     return writers
 
 
-RUN_FILES = tuple(_writers(figures=True, exchanges_roles=True))
+def _file_name(name: str, pictures: str) -> str:
+    return f"{name.removesuffix('.png')}.{pictures}" if name.endswith(".png") else name
+
+
+PICTURES = ("png", "pdf", "svg")
+"""Formats that pictures can have."""
+
+RUN_FILES = tuple(
+    dict.fromkeys(
+        _file_name(name, kind) for kind in PICTURES for name in _writers(figures=True, exchanges_roles=True)
+    )
+)
 """Every file that `write_run` may write."""

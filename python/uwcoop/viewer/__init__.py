@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from uwcoop.errors import LogError, MissingDependencyError, UwcoopError
 from uwcoop.report.atomic_files import atomic_write, finish_swap
 from uwcoop.report.interruption import forget
-from uwcoop.viewer import current, landmark, plots, posegraph, scene, traffic
+from uwcoop.viewer import current, earth, landmark, plots, posegraph, scene, traffic
 from uwcoop.viewer.layout import blueprint
 from uwcoop.viewer.stage import Stage
 
@@ -47,6 +47,7 @@ def write_replay(
     the scene `error_m/VEHICLE/NAVIGATOR`, `nees/VEHICLE/NAVIGATOR` and the text log `acoustics/NAVIGATOR`; where they
     are estimated `current_mps/VEHICLE/{east,north}/{true,NAVIGATOR/{above,below}}` (twice its sigma above and below) and,
     where a health monitor alarmed, `alarms/VEHICLE/NAVIGATOR`.
+    Where the mission's origin is known, `earth/truth/VEHICLE` and `earth/NAVIGATOR/VEHICLE/{path,now}` are on a map.
     Missions with a landmark also have the rays `fixes/VEHICLE/{landmark_sees,mover_sees}`, rings
     `truth/VEHICLE/landmark` and the text log `events`.
     Timeline `mission_time`: seconds since the mission's epoch. A cloud is logged where `clouds` has one and is
@@ -71,6 +72,7 @@ def write_replay(
                     clouds,
                     posegraph.kept(stage, tracks, packets),
                     events="role_taken" in log.events,
+                    on_earth=earth.known(log),
                 ),
             )
             recording.send_recording_name(f"{tracks.attrs['mission']}, seed {tracks.attrs['seed']}")
@@ -80,6 +82,7 @@ def write_replay(
             posegraph.send(recording, stage, tracks, packets)
             plots.send(recording, stage, tracks)
             current.send(recording, stage, tracks, log)
+            earth.send(recording, stage, tracks, log)
             recording.flush()
             recording.disconnect()
     finally:

@@ -9,6 +9,7 @@ import numpy as np
 
 from uwcoop.evaluation import metrics
 from uwcoop.viewer import current
+from uwcoop.viewer.earth import EARTH
 from uwcoop.viewer.landmark import EVENTS, FIXES
 from uwcoop.viewer.stage import TIMELINE, Stage, entity
 
@@ -32,12 +33,14 @@ def blueprint(
     kept: Mapping[str, list[str]],
     *,
     events: bool = False,
+    on_earth: bool = False,
 ) -> Any:
     """Layout of the recording.
 
     Args:
         kept: by navigator, further entities of which all up to the cursor is shown.
         events: with the text log of landings and roles.
+        on_earth: with a map, whose tiles the viewer fetches when its tab is opened.
     """
     import rerun.blueprint as rrb
 
@@ -47,6 +50,7 @@ def blueprint(
             _scene(stage, navigator, kept.get(navigator, []), NEAR if events else 1.0)
             for navigator in stage.navigators
         ],
+        *([rrb.MapView(origin=EARTH, name="map of the Earth")] if on_earth else []),
         active_tab=shown,
         name="scene",
     )
