@@ -107,7 +107,7 @@ impl TeamReport {
                     field::finite("piece of displacement", piece[axis])?;
                     sum[axis] += piece[axis];
                     knots[j + 1][axis] = (sum[axis] * steps).round() as i64;
-                    fits &= (-limit..limit).contains(&(knots[j + 1][axis] - knots[j][axis]));
+                    fits &= (-limit..limit).contains(&knots[j + 1][axis].saturating_sub(knots[j][axis]));
                 }
             }
             if fits {
